@@ -59,13 +59,13 @@ _LAZY = {
     "plot": "kreisel.viewer.plots",
     "view": "kreisel.viewer.page",
 }
-SHOWN.update({what: f"kreisel.viewer.record:{what}_html" for what in ("system", "model", "state", "run")})
+SHOWN.update({kind: f"kreisel.viewer.record:{kind}_html" for kind in ("system", "model", "state", "run")})
 SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
 _PARTS = ("analysis", "checkcases", "gym", "lab", "physical", "rebound", "reduction", "units")
 _EXTRAS = ("gym", "rebound", "reduction")  # packages that need gymnasium, REBOUND and JAX
 
 __all__ = ["AccuracyWarning", "ConservationWarning", "InputError", "InputWarning", "RunError", "methods", "systems"]
-__all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part not in _EXTRAS)]
+__all__ += [*NAMED, *_LAZY, *(name for name in _PARTS if name not in _EXTRAS)]
 
 
 @explained

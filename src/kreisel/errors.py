@@ -87,9 +87,9 @@ class Faults:
         if len(self.messages) == 1:
             raise InputError(f"{source}: {self.messages[0]}")
         if self.messages:
-            more = [f"  and {len(self.messages) - MOST_FAULTS} more"] * (len(self.messages) > MOST_FAULTS)
+            remainder = [f"  and {len(self.messages) - MOST_FAULTS} more"] * (len(self.messages) > MOST_FAULTS)
             count = f"{source}: expected a file without mistakes, got {len(self.messages)}:"
-            raise InputError(count, *(f"  {message}" for message in self.messages[:MOST_FAULTS]), *more)
+            raise InputError(count, *(f"  {message}" for message in self.messages[:MOST_FAULTS]), *remainder)
 
 
 class RunError(RuntimeError):
@@ -122,10 +122,10 @@ def doubt(sentence: str) -> None:
 class Stopped(RunError):
     """A run or a sweep that a signal stopped; its results are kept in `part`, from which `remedy` resumes it."""
 
-    def __init__(self, number: int, done: str, part: object, remedy: str):
+    def __init__(self, number: int, done: str, archive: object, remedy: str):
         self.number = number
         name = signal.Signals(number).name
-        RunError.__init__(self, f"stopped by {name} after {done}, which are kept in {part}; {remedy} resumes.")
+        RunError.__init__(self, f"stopped by {name} after {done}, which are kept in {archive}; {remedy} resumes.")
 
 
 def disk_trouble(error: OSError, path: object, action: str, kept: str) -> RunError:
@@ -150,11 +150,11 @@ def on_disk(path: object, action: str, kept: Callable[[], str] = str) -> Iterato
         raise disk_trouble(error, path, action, kept()) from error
 
 
-def hint(word: object, known: Iterable[str]) -> str:
-    """' Did you mean 'x'?' for the known word most like `word`, or the known words that contain it; or nothing."""
+def hint(word: object, words: Iterable[str]) -> str:
+    """' Did you mean 'x'?' for the one of `words` most like `word`, or those that contain it; or nothing."""
     if not isinstance(word, str):
         return ""
-    names = [name for name in known if name != word and not name.startswith("_")]
+    names = [name for name in words if name != word and not name.startswith("_")]
     close = sorted((name for name in names if word.lower() in name.split("-")), key=lambda name: name.count("-"))[
         :MEANT
     ]
@@ -204,9 +204,9 @@ def explained(call: F) -> F:
     return checked  # type: ignore[return-value]
 
 
-def _mistyped(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
+def _mistyped(call: Callable[..., Any], arguments: tuple[Any, ...], named: Mapping[str, Any]) -> str:
     """The first argument whose type differs from the signature, as a message; "" if there is none."""
-    bound = inspect.signature(call).bind(*given, **named).arguments
+    bound = inspect.signature(call).bind(*arguments, **named).arguments
     for name, kind in call.__annotations__.items():
         bare = kind if isinstance(kind, str) else ""
         while "[" in bare:  # "str | Sequence" of "str | Sequence[int | str]"
@@ -223,8 +223,8 @@ def _is_of(value: Any, kind: str, call: Callable[..., Any]) -> bool:
         return (hasattr(value, "__float__") and not getattr(value, "ndim", 0)) or (kind == "float" and quantity)
     first, *remainder = kind.split(".")
     result = call.__globals__.get(first, getattr(builtins, first, None))
-    for part in remainder:
-        result = getattr(result, part, None)
+    for attribute in remainder:
+        result = getattr(result, attribute, None)
     if isinstance(result, type) and result is not Any:
         return isinstance(value, (list, tuple) if result is tuple else result)
     if kind.split(".")[-1] in UNLOADED:

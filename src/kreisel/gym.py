@@ -81,8 +81,8 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
     def _observed(self) -> Array:
         error = quaternion_product(inverse_turn(self.target), self._state["attitude"])
         rates = np.linalg.solve(self._body.inertia, self._state["momentum"].T).T / self.rates
-        more = [self._state[name] / unit for name, unit in self._units.items() if name in self._state]
-        return np.concatenate([np.where(error[:, :1] < 0, -error, error), rates, *more], -1)
+        observed = [self._state[name] / unit for name, unit in self._units.items() if name in self._state]
+        return np.concatenate([np.where(error[:, :1] < 0, -error, error), rates, *observed], -1)
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Observations after `every`, rewards, and whether episodes ended; after an end, a reset."""

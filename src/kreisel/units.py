@@ -65,8 +65,8 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
         )
     for name in wanted:
         if name not in scales or name not in turned.variables:
-            there = ", ".join(k for k in scales if k in turned.variables)
-            raise InputError(f"Only {there} of this run have units, got {shown(name)}.")
+            listed = ", ".join(k for k in scales if k in turned.variables)
+            raise InputError(f"Only {listed} of this run have units, got {shown(name)}.")
     kept = {k: run.attrs[k] for k in KEPT if k in run.attrs}
     along = "; along the axes in which the body was given" if frame or is_in_si(run) else ""
     out = turned.drop_attrs().assign_attrs(kept, kreisel_measured="SI units or named ones" + along)

@@ -386,7 +386,7 @@ def test_a_body_at_rest_and_more_dimensions() -> None:
         kr.simulate(kr.EulerTop(J=(1, 2, 3, 4, 5, 6)), M, dt=0.5, steps=100, method="exact")
 
 
-@pytest.mark.parametrize("mutant", ["ripple", "slope", "beta", "whole"])
+@pytest.mark.parametrize("mutant", ["ripple", "slope", "beta", "complete"])
 def test_a_wrong_factor_shows(mutant: str, monkeypatch: pytest.MonkeyPatch) -> None:
     original = Rotor._constants
 

@@ -72,14 +72,14 @@ def compare(run: xr.Dataset, second_run: xr.Dataset) -> Comparison:
     Times are the same if they agree to 1e-9 of the shortest distance between rows.  Raises `InputError` for different
     systems, dimensions or lanes, and if fewer than two times are common.
     """
-    records = [RunRecord.of(each, "system", "n", "method") for each in (run, second_run)]
+    records = [RunRecord.of(dataset, "system", "n", "method") for dataset in (run, second_run)]
     for key in ("system", "n"):
         first, second = (getattr(record, key) for record in records)
         if first != second:
             raise InputError(f"Runs of one system can be compared; {key} is {first} and {second}.")
     if run.sizes.get("lane") != second_run.sizes.get("lane"):
         raise InputError("Both runs must have the same lanes; select one lane of each with isel(lane=...).")
-    times, second_times = (np.asarray(each["time"].values) for each in (run, second_run))
+    times, second_times = (np.asarray(dataset["time"].values) for dataset in (run, second_run))
     if min(len(times), len(second_times)) < 2:
         raise InputError("Each run needs two saved times or more.")
     tolerance = 1e-9 * min(np.diff(times).min(), np.diff(second_times).min())
@@ -87,9 +87,9 @@ def compare(run: xr.Dataset, second_run: xr.Dataset) -> Comparison:
     same = np.abs(second_times[near] - times) <= np.maximum(tolerance, 4 * np.finfo(float).eps * np.abs(times))
     if same.sum() < 2:
         raise InputError("The runs have fewer than two saved times in common. Choose other steps or `every`.")
-    tables = [table_of(each).max_change for each in (run, second_run)]
-    both = tables[0].index.intersection(tables[1].index, sort=False)
-    table = pd.DataFrame({"first": tables[0][both], "second": tables[1][both]})
+    tables = [table_of(dataset).max_change for dataset in (run, second_run)]
+    common = tables[0].index.intersection(tables[1].index, sort=False)
+    table = pd.DataFrame({"first": tables[0][common], "second": tables[1][common]})
     with np.errstate(all="ignore"):
         table["ratio"] = table["second"] / table["first"]
     first, second = (f"{r.method}, dt = {r.step_text(r.dt)}" if r.stepped else "exact" for r in records)
@@ -147,7 +147,7 @@ def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
         if not np.isfinite(apart).all():
             raise InputError(f"expected {letter} with finite squares in both runs, got larger values.")
         data[letter] = (dims, apart, {"long_name": f"distance of {letter}"})
-    if all(ORIENTATION in each and each[ORIENTATION].shape[-1] == 4 for each in (run, second_run)):
+    if all(ORIENTATION in dataset and dataset[ORIENTATION].shape[-1] == 4 for dataset in (run, second_run)):
         q, r = run[ORIENTATION].values, second_run[ORIENTATION].values
         nearest = np.minimum(np.linalg.norm(q - r, axis=-1), np.linalg.norm(q + r, axis=-1))
         angle = 4 * np.arcsin(np.clip(nearest / 2, 0, 1))

@@ -205,8 +205,8 @@ def return_map(
     values = np.asarray(series(cut.reset_coords("lane", drop=True) if "lane" in cut.coords else cut, seen))
     places = [np.nonzero(lanes == lane)[0] for lane in np.unique(lanes)]
     i, j = (
-        np.concatenate([np.zeros(0, dtype=int), *(of_lane[part] for of_lane in places)])
-        for part in (slice(-returns), slice(returns, None))
+        np.concatenate([np.zeros(0, dtype=int), *(of_lane[rows] for of_lane in places)])
+        for rows in (slice(-returns), slice(returns, None))
     )
     coords = {"time": ("event", cut["time"].values[i])}
     if "lane" in cut.coords:

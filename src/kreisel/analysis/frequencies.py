@@ -242,8 +242,8 @@ def megno(
         raise InputError(f"megno: expected a body with n = 3 and its momentum, got {model.system.name}.")
     attitudes += [] if orientation is None else [slice(-4, None)]
     first, lanes, single = _rows(model, x0, orientation)
-    both = model.lanes(np.tile(np.arange(lanes), 2)) if model.batch else model
-    p = propagator(both, method=method, order=order, dt=dt, orientation=orientation is not None)
+    pair = model.lanes(np.tile(np.arange(lanes), 2)) if model.batch else model
+    p = propagator(pair, method=method, order=order, dt=dt, orientation=orientation is not None)
     record = model.system.perturbation
     timed = record is not None and record.names(TIME)
     scale = np.ones_like(first)

@@ -184,15 +184,15 @@ def of_ellipsoid(axes: Array, weights: Mapping[str, float]) -> Light:
         p, q = s * inverse, o * inverse
         P, Q, C, X2 = algebra.sqrt(dot(p, p)), algebra.sqrt(dot(q, q)), dot(p, q), _cross_squared(p, q) + TINY
         where, S, near = _namespace(C).where, P + Q, P * Q + abs(C)
-        both, apart = where(C < 0, X2 / near, near), where(C < 0, near, X2 / near)  # |p||q| + p.q, |p||q| - p.q
-        W2 = (P - Q) ** 2 + 2 * both
+        sum_, apart = where(C < 0, X2 / near, near), where(C < 0, near, X2 / near)  # |p||q| + p.q, |p||q| - p.q
+        W2 = (P - Q) ** 2 + 2 * sum_
         h, A = _shares(W2 / (S * S), 2 * apart / (S * S), where)
-        flux = size * both * (lommel * h / S + geometric / P)
+        flux = size * sum_ * (lommel * h / S + geometric / P)
 
         def slopes() -> tuple[Array, ...]:
-            k = lommel * both * (2 * A - 3 * h) / (2 * W2 * S)
+            k = lommel * sum_ * (2 * A - 3 * h) / (2 * W2 * S)
             along = lommel * h / S
-            by_sum = along * both / S + 2 * k * W2 / S
+            by_sum = along * sum_ / S + 2 * k * W2 / S
             P2 = size * ((along * Q - by_sum) / (2 * P) + k - geometric * C / (2 * P**3))
             Q2 = size * ((along * P - by_sum + geometric) / (2 * Q) + k)
             by_C = size * (along + 2 * k + geometric / P)

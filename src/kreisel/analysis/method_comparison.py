@@ -97,33 +97,33 @@ def compare(
 
     Raises `InputError` for systems with different variables or flows, and for a system without a flow.
     """
-    listed = [_subject(each) for each in (subjects.values() if isinstance(subjects, Mapping) else subjects)]
+    listed = [_subject(subject) for subject in (subjects.values() if isinstance(subjects, Mapping) else subjects)]
     if not listed:
         raise InputError("subjects: expected one system or more, got none.")
     frame = listed[0].frame
-    if any(bool(each.frame) != bool(frame) for each in listed):
+    if any(bool(subject.frame) != bool(frame) for subject in listed):
         raise InputError("subjects: expected either bodies or systems, got both. Use body.model() and its units.")
     unit, number = (frame.time_unit, partial(duration, frame)) if frame else (1.0, finite_number)
     dt, t_end = number(dt, "dt"), number(t_end, "t_end")
     halvings = within(halvings, "halvings", 1, 10)
-    state = _common_state([each.model for each in listed], start)
+    state = _common_state([subject.model for subject in listed], start)
     if not (dt > 0 and t_end >= dt):
         raise InputError(f"expected 0 < dt <= t_end, got dt = {unit * dt:g} and t_end = {unit * t_end:g}.")
     truth = _end(Subject(listed[0].model, {"method": "dop853", "tol": 1e-13}), state, dt=dt, steps=SHORT, every=SHORT)
     steps = [dt / 2**k for k in range(halvings + 1)]
     rows, errors, drifts, names = list[dict[str, Any]](), list[list[float]](), list[Array](), list[str]()
-    for each in listed:
-        ends = [_end(each, state, dt=h, steps=SHORT * 2**k, every=SHORT * 2**k) for k, h in enumerate(steps)]
+    for subject in listed:
+        ends = [_end(subject, state, dt=h, steps=SHORT * 2**k, every=SHORT * 2**k) for k, h in enumerate(steps)]
         errors.append([float(np.linalg.norm(end - truth) / np.linalg.norm(truth)) for end in ends])
         count, before = max(1, round(t_end / dt)), SPENT["steps"]
-        run = _simulated(each, state, dt=dt, steps=count, every=max(1, count // ROWS))
+        run = _simulated(subject, state, dt=dt, steps=count, every=max(1, count // ROWS))
         cost = 1e9 * (SPENT["steps"] - before) / count
         time, drift, worst = _drift(run)
         drifts.append(drift)
         names.append(_name(run, listed))
         order = float("nan") if RunRecord.from_attrs(run.attrs).tolerance is not None else _order(steps, errors[-1])
         measured = {"order": order, "error": errors[-1][0], "cost": cost, "drift": drift[-1], "worst": worst}
-        rows.append({**measured, "poisson_defect": _poisson_defect(each, state, dt)})
+        rows.append({**measured, "poisson_defect": _poisson_defect(subject, state, dt)})
     names = list(map(str, subjects)) if isinstance(subjects, Mapping) else names
     return MethodComparison(
         pd.DataFrame(rows, index=pd.Index(names, name="method")),
@@ -134,14 +134,14 @@ def compare(
     )
 
 
-def _subject(given: Any) -> Subject:
-    subject, options = given if isinstance(given, tuple) and len(given) == 2 else (given, {})
+def _subject(entry: Any) -> Subject:
+    subject, options = entry if isinstance(entry, tuple) and len(entry) == 2 else (entry, {})
     body = as_body(subject)
     model = subject if body is None else body.model()
     if not isinstance(model, Model) or not (isinstance(options, Mapping) or callable(options)):
         raise InputError(
             "subjects: expected a system with its parameters, (system, {'method': ...}), or (system, step) with your "
-            f"function step(*state, eps, **parameters), got {shown(given)}."
+            f"function step(*state, eps, **parameters), got {shown(entry)}."
         )
     if callable(options):
         step = Map(step=options, poisson=False, conserves=(), rational=False)
@@ -165,8 +165,10 @@ def _common_state(models: list[Model], start: Any) -> dict[str, Array]:
                 f"{dict(first.system.space.components)} and {model.system.name} with "
                 f"{dict(model.system.space.components)}."
             )
-        one, two = (algebra.flatten(m.flow(*m.state(**state).values()), m.system.space.kinds) for m in (first, model))
-        if not abs(one - two).max(initial=0.0) <= SAME_FLOW * abs(one).max(initial=0.0):
+        reference, rate = (
+            algebra.flatten(m.flow(*m.state(**state).values()), m.system.space.kinds) for m in (first, model)
+        )
+        if not abs(reference - rate).max(initial=0.0) <= SAME_FLOW * abs(reference).max(initial=0.0):
             raise InputError(f"expected systems with one flow; {first.system.name} and {model.system.name} differ.")
     return state
 
@@ -231,5 +233,5 @@ def _name(run: xr.Dataset, listed: list[Subject]) -> str:
     record = RunRecord.from_attrs(run.attrs)
     order = record.order
     name = record.method if order is None else f"{record.method} {order}"
-    several = len({each.model.system.title for each in listed}) > 1
+    several = len({subject.model.system.title for subject in listed}) > 1
     return f"{record.title.rpartition(': ')[0]}: {name}" if several else name

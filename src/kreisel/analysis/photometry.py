@@ -148,7 +148,7 @@ def fit_light_curve(
     middle = {int(k): seen.time[seen.apparition == k].mean() for k in np.unique(seen.apparition)}
     for k in sorted(middle.keys() - {int(first)}, key=lambda k: abs(middle[k] - middle[int(first)])):  # by distance
         motions, now = _pruned(seen.some(now), motions, half_turn), now | (seen.apparition == k)
-        motions = [_continued(seen, now, k, half_turn, *each) for each in motions if len(each[1])]
+        motions = [_continued(seen, now, k, half_turn, *motion) for motion in motions if len(motion[1])]
     motions = _pruned(seen, motions, half_turn, delta + SLACK, 10 * MOST)
     motions = [(mode, *_in_blocks(seen, x, mode, 100)) for mode, x, _ in motions]
     motions = _pruned(seen, motions, half_turn, delta, 10 * MOST)
@@ -236,15 +236,15 @@ def _grid(bounds: Sequence[Array], span: float) -> Array:
 def _scanned(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: bool) -> tuple[str, Array, Array]:
     """The mode, solutions (k, 8) and chi^2 of one apparition."""
     few = seen.some(np.unique(np.linspace(0, len(seen.time) - 1, POINTS).astype(int)))
-    starts, chi2, more = np.empty((0, len(UNKNOWNS))), np.empty(0), _starts(few, mode, bounds, half_turn)
+    starts, chi2, candidates = np.empty((0, len(UNKNOWNS))), np.empty(0), _starts(few, mode, bounds, half_turn)
     cell, ends = 1 / (2 * np.ptp(seen.time)), 1 / np.array(bounds)
     for relatives in (_mirrored, partial(_neighbours, span=float(np.ptp(seen.time))), _mirrored, None):
-        more, second = _minima((few, seen), more, mode, half_turn)
-        rates = 1 / more[:, PRECESSION : ROTATION + 1]
+        candidates, second = _minima((few, seen), candidates, mode, half_turn)
+        rates = 1 / candidates[:, PRECESSION : ROTATION + 1]
         inside = ((rates > ends[:, 1] - cell) & (rates < ends[:, 0] + cell)).all(-1)
-        motions = [(mode, np.concatenate([starts, more[inside]]), np.append(chi2, second[inside]))]
+        motions = [(mode, np.concatenate([starts, candidates[inside]]), np.append(chi2, second[inside]))]
         _, starts, chi2 = _pruned(seen, motions, half_turn, ALL)[0]
-        more = starts if relatives is None else relatives(starts[np.argsort(chi2)[:BEST]])
+        candidates = starts if relatives is None else relatives(starts[np.argsort(chi2)[:BEST]])
     return mode, starts, chi2
 
 
@@ -331,7 +331,7 @@ def _pruned(
     out = []
     for mode, x, chi2 in motions:
         order = np.argsort(chi2)[: np.count_nonzero(chi2 <= least + above)]
-        x, chi2 = np.array([_usual(each) for each in x[order]]).reshape(-1, len(UNKNOWNS)), chi2[order]
+        x, chi2 = np.array([_usual(solution) for solution in x[order]]).reshape(-1, len(UNKNOWNS)), chi2[order]
         kept, step = np.ones(len(x), bool), max(1, BLOCK // len(seen.time))
         for i in range(0, len(x), step):
             J = seen.jacobian(x[i : i + step], mode)[1]

@@ -47,8 +47,10 @@ def known_system(name: str, values: Mapping[str, Any], frame: BodyFrame) -> Syst
     from kreisel.forces.control import with_wheels
 
     letters = {p.letter for p in body.parameters}
-    own, of_wheels = ({k: v for k, v in values.items() if (k in letters) == there} for there in (True, False))
-    return with_wheels(Model(body, own, frame), of_wheels).system
+    parameters, of_wheels = (
+        {k: v for k, v in values.items() if (k in letters) == of_body} for of_body in (True, False)
+    )
+    return with_wheels(Model(body, parameters, frame), of_wheels).system
 
 
 BODIES = Records(_PAGES, _stated)

@@ -150,9 +150,9 @@ def potential(
     C, w1, w2 = Q1.T @ Q2, n @ Q1, -(n @ Q2)
     A1, A2 = D1 * w1, D2 * w2
     a1, a2 = A1 @ w1, A2 @ w2
-    both = 26.25 * a1 * a2 + 15 * (A1 @ C @ A2) + 1.5 * (D1 @ (C * C) @ D2)
+    mixed = 26.25 * a1 * a2 + 15 * (A1 @ C @ A2) + 1.5 * (D1 @ (C * C) @ D2)
     third = degree_3_1 @ harmonics_3(w1) / m1 + degree_3_2 @ harmonics_3(w2) / m2
-    fourth = degree_4_1 @ harmonics_4(w1) / m1 + degree_4_2 @ harmonics_4(w2) / m2 + both
+    fourth = degree_4_1 @ harmonics_4(w1) / m1 + degree_4_2 @ harmonics_4(w2) / m2 + mixed
     raised = (m2 * tide1 / m1 + m1 * tide2 / m2) / 2
     higher = (third + (fourth + raised / distance) / distance) / distance
     return -G * m1 * m2 * (1.5 * (a1 + a2) + higher) / (square * distance)
@@ -230,8 +230,8 @@ def derive(*, m1, m2, moments1, moments2, m3=None, moments3=None):
     for i, m, moments in ((1, m1, moments1), (2, m2, moments2), (3, m3, moments3)):
         if moments is None:
             continue
-        known = rotor_step.constants(moments)
-        out[f"rotor{i}"] = np.concatenate([known[name] for name in ROTOR], -1)
+        rotor = rotor_step.constants(moments)
+        out[f"rotor{i}"] = np.concatenate([rotor[name] for name in ROTOR], -1)
         out[f"D{i}"] = (moments.sum(-1, keepdims=True) / 3 - moments) / vec(m)
     return out if m3 is None else out | {"mu3": G * (mass + m3), "reduced3": m3 * mass / (mass + m3)}
 

@@ -87,10 +87,13 @@ def harmonics_4(w):
 
 def torque(g, t, *, orbit, path, torque, dipole, plates, drag, pressure, mirror, diffuse, **constants):
     r, v = place(t, orbit, path)
-    there = around(r, v, t, **constants)
-    v, s = there.stream @ g, there.sun @ g
-    air, lighting = -there.density * drag / 2 * v, pressure * there.near * there.near * there.light
-    torque = torque + cross(dipole, there.field @ g)
+    environment = around(r, v, t, **constants)
+    v, s = environment.stream @ g, environment.sun @ g
+    air, lighting = (
+        -environment.density * drag / 2 * v,
+        pressure * environment.near * environment.near * environment.light,
+    )
+    torque = torque + cross(dipole, environment.field @ g)
     for plate in plates:
         normal, centre, area = plate[:3], plate[3:6], plate[6]
         lit = normal @ s
@@ -102,9 +105,16 @@ def torque(g, t, *, orbit, path, torque, dipole, plates, drag, pressure, mirror,
 def surroundings(t, *, orbit, path, field, **constants):
     """The environment in space at t, s, by name; of times (...) vectors are (3, ...)."""
     r, v = (x.T for x in place(t, orbit, path))
-    there = around(r, v, t, **constants)
-    B = there.field + of_dipole(r, field)
-    return {"position": r, "velocity": v, "field": B, "sun": there.sun, "light": there.light, "density": there.density}
+    environment = around(r, v, t, **constants)
+    B = environment.field + of_dipole(r, field)
+    return {
+        "position": r,
+        "velocity": v,
+        "field": B,
+        "sun": environment.sun,
+        "light": environment.light,
+        "density": environment.density,
+    }
 
 
 def smooth(*, orbit):

@@ -70,8 +70,8 @@ def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy)
     if A.ndim == 2:
         rates, turn = principal_axes(A)
     else:
-        each = [principal_axes(a) for a in A.reshape(-1, 3, 3)]
-        rates, turn = (np.stack(parts).reshape(*A.shape[:-2], *parts[0].shape) for parts in zip(*each, strict=True))
+        frames = [principal_axes(a) for a in A.reshape(-1, 3, 3)]
+        rates, turn = (np.stack(parts).reshape(*A.shape[:-2], *parts[0].shape) for parts in zip(*frames, strict=True))
     D, K = (turn.mT @ (X + X.mT) @ turn / 2 for X in (D, K))
     lever = vec(weight) * (center_of_mass - shift) - vec(buoyancy) * (center_of_buoyancy - shift)
     planes = (1 - identity(3)) * rates[..., OTHER]

@@ -339,7 +339,7 @@ def _solved(flow: Flow, start: list[float], end: float) -> Callable[[Array], Arr
         state: list[float] = z.tolist()
         return flow(state[:3], state[3:7], state[7:])
 
-    scale = [max(1e-12, *map(abs, part)) for part in (start[:3], start[3:7], start[7:]) for _ in part]
+    scale = [max(1e-12, *map(abs, component)) for component in (start[:3], start[3:7], start[7:]) for _ in component]
     make: Any = DOP853
     solver = make(rates, 0.0, start, end, rtol=TOLERANCE, atol=TOLERANCE * np.array(scale))
     times, pieces = [0.0], list[Any]()

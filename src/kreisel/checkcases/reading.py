@@ -347,7 +347,7 @@ def _role(words: set[str], components: tuple[str, ...]) -> str:
         return "euler"
     names = {"momentum": {"momentum", "l", "h"}, "rates": TURNING, "position": POSITION, "velocity": {"velocity", "v"}}
     bare = "rates" if components == tuple("pqr") else "position"
-    return next((role for role, known in names.items() if words & known), "" if words else bare)
+    return next((role for role, meanings in names.items() if words & meanings), "" if words else bare)
 
 
 def _specified(columns: Mapping[str, Any], table: _Table) -> list[Group]:
@@ -359,8 +359,8 @@ def _specified(columns: Mapping[str, Any], table: _Table) -> list[Group]:
     for role, value in columns.items():
         names = [value] if isinstance(value, str) else list(value) if isinstance(value, list | tuple) else []
         if len(names) not in counts.get(role, ()) or not all(isinstance(name, str) for name in names):
-            known = "; ".join(f"{key} ({' or '.join(map(str, sizes))})" for key, sizes in counts.items())
-            raise InputError(f"columns: expected names for {known}, got {shown(value)} for {shown(role)}.")
+            roles = "; ".join(f"{key} ({' or '.join(map(str, sizes))})" for key, sizes in counts.items())
+            raise InputError(f"columns: expected names for {roles}, got {shown(value)} for {shown(role)}.")
         parsed = [_parsed(name) for name in names]
         groups.append(Group(role, names, parsed[0][1], _frame(parsed[0][0]), tuple(p[2] for p in parsed)))
     return groups
@@ -404,8 +404,8 @@ def _options(values: Array, group: Group, specified: Mapping[str, str | None]) -
             q = values if order == "wxyz" else np.roll(values, 1, -1)
             yield from _directions(q, f"quaternion ({', '.join(order)})", specified)
     elif group.role != "time":
-        known = {"energy": "J", "momentum": "kg m^2/s"}.get(group.role)
-        for unit in [known] if known else [group.unit] if group.unit in LENGTHS else LENGTHS:
+        standard = {"energy": "J", "momentum": "kg m^2/s"}.get(group.role)
+        for unit in [standard] if standard else [group.unit] if group.unit in LENGTHS else LENGTHS:
             array = values[:, 0] if group.role == "energy" else values * LENGTHS.get(unit, 1.0)
             yield Option(group.role, array, f"{group.role}, {unit}{'/s' * (group.role == 'velocity')}")
 
@@ -445,13 +445,13 @@ def _chosen(options: list[Option], exact: Mapping[str, Array], place: str, unit:
     best = min((o for o in options if o.name == option.name), key=lambda o: _error(o, exact, EARLY))
     if _error(best, exact, EARLY) * BETTER < _error(option, exact, EARLY):
         option = best
-    for other in options:
-        if other.name != option.name and _error(other, exact, ALL) * FACTOR < _error(option, exact, ALL):
-            option = other
+    for candidate in options:
+        if candidate.name != option.name and _error(candidate, exact, ALL) * FACTOR < _error(option, exact, ALL):
+            option = candidate
     if unit in RATES and _error(option, exact, start) > FAR:
         for name, factor in RATES.items():
-            other = Option(option.name, option.values * (factor / RATES[unit]), "")
-            if _error(other, exact, start) < CLOSE:
+            candidate = Option(option.name, option.values * (factor / RATES[unit]), "")
+            if _error(candidate, exact, start) < CLOSE:
                 raise InputError(
                     f"{place}: expected {unit}, as the names state, got values of which the first row, "
                     f"{shown((option.values[0] / RATES[unit]).tolist())}, is the start of the case in {name}. Correct "
@@ -468,10 +468,10 @@ def _check_start(case: Case, quantities: Mapping[str, Array], exact: Mapping[str
     if name not in quantities or _error(Option(name, quantities[name], ""), exact, slice(1)) < CLOSE:
         return
     w, fits = quantities[name][0], set[str]()
-    for other, factor in itertools.product(records().values(), {a / b for a in RATES.values() for b in RATES.values()}):
-        start = np.array([float(v) for v in other.angular_velocity])
+    for rival, factor in itertools.product(records().values(), {a / b for a in RATES.values() for b in RATES.values()}):
+        start = np.array([float(v) for v in rival.angular_velocity])
         if np.linalg.norm(w * factor - start) < CLOSE * np.linalg.norm(start):
-            fits.add(other.name)
+            fits.add(rival.name)
     if fits:
         raise InputError(
             f"{source}: expected the start of the case {case.name}, rates {shown(exact[name][0].tolist())} rad/s, got "

@@ -80,7 +80,7 @@ class Solution:
             piece = self.pieces[at]
             s = _fixed((time - piece.begin) / piece.length, self.bits)
             states[row] = [Fraction(_horner(c, s, self.bits), 1 << self.bits) for c in piece.coefficients]
-            slopes = [sum(k * abs(c) for k, c in enumerate(each)) * unit for each in piece.coefficients]
+            slopes = [sum(k * abs(c) for k, c in enumerate(polynomial)) * unit for polynomial in piece.coefficients]
             bounds[row] = self.bounds[at] + (np.array(slopes) + 2 * self.order) * unit
         return states, bounds
 
@@ -312,14 +312,14 @@ def _growth(of: Mapping[tuple[int, int], _Model], scale: Array, powers: Array) -
 
 def _jacobian(graph: Graph, outputs: list[Operand]) -> tuple[Graph, dict[tuple[int, int], Operand]]:
     """The entries (i, j) of the Jacobian of a function of z that are not 0, in a separate graph."""
-    tangent, both = pushed(graph, outputs, "p")
+    tangent, slopes = pushed(graph, outputs, "p")
     joined, entries, d = Graph(), dict[tuple[int, int], Operand](), len(outputs)
     for column in range(d):
 
         def inputs(letter: str, index: int, column: int = column) -> Any:
             return float(index == column) if letter == "vz" else joined.input(letter, index)
 
-        for row, slope in enumerate(evaluated(tangent, both[d:], inputs)):
+        for row, slope in enumerate(evaluated(tangent, slopes[d:], inputs)):
             if isinstance(slope, Number) or slope:
                 entries[row, column] = slope
     return joined, entries

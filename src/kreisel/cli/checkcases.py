@@ -46,12 +46,12 @@ def checkcase(
     if name is None:
         if at or table or grade or figure:
             raise InputError("kreisel checkcase: expected the name of a case; `kreisel checkcase` lists them.")
-        cases = [checkcases.case(each) for each in checkcases.cases()]
+        cases = [checkcases.case(key) for key in checkcases.cases()]
         if as_json:
-            print_json([{**each.given(), "title": each.title, "source": each.source} for each in cases])
+            print_json([{**entry.given(), "title": entry.title, "source": entry.source} for entry in cases])
             return
-        for each in cases:
-            say(f"{each.name:22} {each.title}")
+        for entry in cases:
+            say(f"{entry.name:22} {entry.title}")
         print("\nkreisel checkcase NAME: the data, the start, the exact answer; --grade FILE: grade a trajectory.")
         return
     case = checkcases.case(name)
@@ -134,8 +134,8 @@ def _grade(case: Case, paths: list[Path], steps: list[float], options: dict[str,
 
     if len(steps) > len(paths):
         raise InputError(f"--step: expected at most one for each file of --grade, {len(paths)}, got {len(steps)}.")
-    given = zip(paths, [*steps, *[None] * len(paths)], strict=False)
-    runs = [read(path, case, step=step, **options) for path, step in given]
+    files = zip(paths, [*steps, *[None] * len(paths)], strict=False)
+    runs = [read(path, case, step=step, **options) for path, step in files]
     result = case.grade(runs[0].times, step=runs[0].step, runs=runs[1:], **runs[0].quantities)
     if as_json:
         print_json({"reading": [run.reading for run in runs], **result.data()})
@@ -190,7 +190,7 @@ def files_of(name: str, toml: Path, python: Path, head: str) -> dict[Path, str]:
 
     case, kind = checkcases.case(name), law_of(name)
     if kind not in SYSTEMS:
-        with_run = ", ".join(other for other in checkcases.cases() if law_of(other) in SYSTEMS)
+        with_run = ", ".join(key for key in checkcases.cases() if law_of(key) in SYSTEMS)
         raise InputError(f"new checkcase: expected a case that is a system of Kreisel, {with_run}; got {name}.")
     system, parameters, state = _as_system(case, kind)
     dt = float(f"{float(case.duration) / ROWS_OF_A_RUN:.3g}")

@@ -61,7 +61,7 @@ def read(path: Path, changes: Sequence[str] = ()) -> Config:
 def changed(data: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
     """The configuration with each "SECTION.KEY=VALUE" in place, VALUE as in TOML; a bare word is a string."""
     for text in changes:
-        place, sign, value = (part.strip() for part in text.partition("="))
+        place, sign, value = (word.strip() for word in text.partition("="))
         section, *keys = place.split(".", DEPTHS.get(place.partition(".")[0], 1))
         if section == "sweep" and len(keys) > 1:  # sweep.grid.state.m[2] is one quantity
             keys = [keys[0], ".".join(keys[1:])]
@@ -244,15 +244,15 @@ def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Setti
         faults.add("[run] needs dt, a step, got nothing.")
         return None
     if model is None or model.body_frame:  # durations in the unit of the model; without one, to check them
-        usual, given = model or FreeBody((1.0, 1.0, 1.0)).in_si(), dict(asked)
+        usual, requested = model or FreeBody((1.0, 1.0, 1.0)).in_si(), dict(asked)
         step: Any = 1.0
         for key in [k for k in ("dt", "t_end", "times", "every", "impulses") if k in asked]:
             unit = 1.0 if key == "dt" else asked["dt"]
             harmless = {"dt": unit, "t_end": 1e6 * unit, "times": (unit,), "every": 1, "impulses": ()}[key]
             asked[key] = harmless  # after a mistake, so that the others can be checked
             with faults.noted("[run]"):
-                asked[key] = scaled_settings(usual, {"dt": step, key: given[key]})[key]
-                step = given["dt"] if key == "dt" else step
+                asked[key] = scaled_settings(usual, {"dt": step, key: requested[key]})[key]
+                step = requested["dt"] if key == "dt" else step
     try:
         return Settings.checked(**asked)
     except InputError as error:

@@ -161,10 +161,10 @@ def text_of_body(name: str, target: Path) -> str:
         f"Keys of [body] and [state] are arguments of kr.physical.{kind.__name__} and of its state; values without a "
         "unit are in SI, vectors along the body axes."
     )
-    more = ", ".join(k for k in inspect.signature(kind).parameters if k not in (*sample.body, "self"))
+    optional = ", ".join(k for k in inspect.signature(kind).parameters if k not in (*sample.body, "self"))
     tables = {"body": sample.body, "state": sample.state, "run": sample.run}
     sections = {key: [*_section(table, key, sample.comments)] for key, table in tables.items()}
-    sections["body"] = [f'kind = "{name}"', *comments(f"more: {more}"), *sections["body"]]
+    sections["body"] = [f'kind = "{name}"', *comments(f"more: {optional}"), *sections["body"]]
     return _file(name, [sample.about, keys], sections, target)
 
 

@@ -56,7 +56,7 @@ SET = r"A value in place of the file's: run.dt=0.01, 'system.p=\[0, 0, 2]'; may 
 def _from_home(path: Any) -> Any:
     """The path, or each of several, with ~ expanded."""
     if isinstance(path, list):
-        return [_from_home(each) for each in path]
+        return [_from_home(entry) for entry in path]
     try:
         return None if path is None else path.expanduser()
     except RuntimeError:

@@ -326,7 +326,7 @@ def view(
     require_file(place, overwrite)
     shown = one_lane(where, lane[0] if lane else 0) if swept else open_rows(where)
     lanes = shown.sizes.get("lane", 1)
-    if not swept and not all(0 <= each < lanes for each in lane or ()):
+    if not swept and not all(0 <= index < lanes for index in lane or ()):
         raise InputError(f"--lane: expected integers from 0 to {lanes - 1}, got {lane}.")
     lanes_shown = None if swept else lane or None
     page = page_of(shown, lane=lanes_shown, body=body, mesh=mesh, title=title, target=target)

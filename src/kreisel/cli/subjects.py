@@ -32,13 +32,13 @@ def systems(
 
 
 def _records(
-    name: str | None, as_json: bool, find: Any, everything: Iterable[Any], summary: Any, record: Any, table: Any
+    name: str | None, as_json: bool, find: Any, records: Iterable[Any], summary: Any, record: Any, table: Any
 ) -> None:
     """Print a record, or a list of all, as text or JSON."""
     if as_json:
-        print_json([summary(each) for each in everything] if name is None else summary(find(name)))
+        print_json([summary(entry) for entry in records] if name is None else summary(find(name)))
     else:
-        print(table(everything) if name is None else record(find(name)))
+        print(table(records) if name is None else record(find(name)))
 
 
 @app.command()

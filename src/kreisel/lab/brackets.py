@@ -238,8 +238,10 @@ def lax(
         return V @ L1, L @ V
 
     def spectra(x: Array, step: Any, constants: dict[str, Any]) -> list[Array]:
-        both = (residues_at(at(subject.lax, z, x, constants), POINTS, x[0].p) for z in (x, step(x)))
-        return [np.array([modular.matrix(L, x[0].p).charpoly().coeffs() for L in L_of_z], object) for L_of_z in both]
+        matrices = (residues_at(at(subject.lax, z, x, constants), POINTS, x[0].p) for z in (x, step(x)))
+        return [
+            np.array([modular.matrix(L, x[0].p).charpoly().coeffs() for L in L_of_z], object) for L_of_z in matrices
+        ]
 
     equation = isospectral = None
     if not subject.implicit:
@@ -270,8 +272,8 @@ def counted(
     tensor = np.eye(subject.dim, dtype=object)
     if subject.tensor is not None:
         tensor = residues_at(np.asarray(subject.tensor(x), dtype=object), 1, p)[0].astype(object)
-    fields, more = G @ tensor % p, H @ tensor % p
-    with_more = modular.rank(more, p)
+    fields, further_fields = G @ tensor % p, H @ tensor % p
+    with_more = modular.rank(further_fields, p)
     return Lax(
         name=subject.name,
         dimension=subject.dim,
@@ -279,7 +281,7 @@ def counted(
         rank=modular.rank(G, p),
         on_leaf=modular.rank(fields, p),
         with_more=with_more,
-        torus=with_more - modular.rank(more @ H.T % p, p) if poisson else 0,
+        torus=with_more - modular.rank(further_fields @ H.T % p, p) if poisson else 0,
         equation=equation,
         isospectral=isospectral,
         involution=not (fields @ G.T % p).any() if poisson else None,

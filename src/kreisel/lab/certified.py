@@ -207,8 +207,8 @@ def prove(claimed: System | Model, names: tuple[str, ...] = ("casimir", "energy"
     unknowns = (*coordinate_names(tuple(named), n), "eps")
     *coordinates, eps = generators(unknowns)
     values = algebra.restore(np.array(coordinates, dtype=object), [kind for _, kind in named], n)
-    state, given = values[: len(system.space.letters)], values[len(system.space.letters) :]
-    constants: dict[str, Any] = {"eps": eps, **{p.letter: v for p, v in zip(parameters, given, strict=True)}}
+    state, parameter_values = values[: len(system.space.letters)], values[len(system.space.letters) :]
+    constants: dict[str, Any] = {"eps": eps, **{p.letter: v for p, v in zip(parameters, parameter_values, strict=True)}}
     if isinstance(claimed, Model):
         constants |= {k: rationals(v) for k, v in claimed.constants.items()}
     new = tuple(call(mapped.step, state, constants))

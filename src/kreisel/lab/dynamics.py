@@ -142,13 +142,13 @@ def _by_jax(subject: Subject) -> Pushed:
     """By JAX: the step with its derivative along the vectors."""
     from kreisel.reduction.double import double
 
-    one, constants = _pushed_by_jax(subject.step), subject.floats
+    step, constants = _pushed_by_jax(subject.step), subject.floats
 
     def pushed(x: Array, vectors: Array, steps: int, rows: int) -> tuple[Array, Array]:
         points = np.empty((rows, len(x)))
         with double():
             for row in range(rows):
-                x, vectors = map(np.asarray, one(x, vectors, constants, steps))
+                x, vectors = map(np.asarray, step(x, vectors, constants, steps))
                 points[row] = x
         return points, vectors
 

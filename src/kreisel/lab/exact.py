@@ -208,10 +208,12 @@ class Jet(Ring):
         out: dict[int, Any] = {}
         theirs = _terms(other)
         for mask, term in self.terms.items():
-            for more, factor in theirs.items():
-                if not mask & more:
+            for second_mask, factor in theirs.items():
+                if not mask & second_mask:
                     product = term * factor
-                    out[mask | more] = out[mask | more] + product if mask | more in out else product
+                    out[mask | second_mask] = (
+                        out[mask | second_mask] + product if mask | second_mask in out else product
+                    )
         return Jet(out)
 
     def __truediv__(self, other: Any) -> Jet:
@@ -334,17 +336,17 @@ class Ratio(Field):
         g = n.gcd(d)
         self.n, self.d = n // g, d // g
 
-    def _of(self, other: Any) -> Ratio:
-        return other if isinstance(other, Ratio) else Ratio(0 * self.n + rationals(other), 0 * self.d + 1)
+    def _of(self, operand: Any) -> Ratio:
+        return operand if isinstance(operand, Ratio) else Ratio(0 * self.n + rationals(operand), 0 * self.d + 1)
 
-    def _plus(self, other: Ratio) -> Ratio:
-        return Ratio(self.n * other.d + other.n * self.d, self.d * other.d)
+    def _plus(self, operand: Ratio) -> Ratio:
+        return Ratio(self.n * operand.d + operand.n * self.d, self.d * operand.d)
 
     def __neg__(self) -> Ratio:
         return Ratio(-self.n, self.d)
 
-    def _times(self, other: Ratio) -> Ratio:
-        return Ratio(self.n * other.n, self.d * other.d)
+    def _times(self, operand: Ratio) -> Ratio:
+        return Ratio(self.n * operand.n, self.d * operand.d)
 
     def _inverse(self) -> Ratio:
         if self.n == 0:

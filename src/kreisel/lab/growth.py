@@ -328,15 +328,15 @@ class Series(Field):
         lead = next((i for i, a in enumerate(c) if a), len(c))
         self.v, self.c, self.p = v + lead, c[lead:], p
 
-    def _of(self, other: Any) -> Series:
-        if isinstance(other, Series):
-            return other
-        return Series(0, [residue(other, self.p), *[0] * (TERMS - 1)], self.p)
+    def _of(self, operand: Any) -> Series:
+        if isinstance(operand, Series):
+            return operand
+        return Series(0, [residue(operand, self.p), *[0] * (TERMS - 1)], self.p)
 
-    def _plus(self, other: Series) -> Series:
-        v, end = min(self.v, other.v), min(self.v + len(self.c), other.v + len(other.c))
+    def _plus(self, operand: Series) -> Series:
+        v, end = min(self.v, operand.v), min(self.v + len(self.c), operand.v + len(operand.c))
         total = np.zeros(max(0, end - v), dtype=np.int64)
-        for series in (self, other):
+        for series in (self, operand):
             terms = series.c[: max(0, end - series.v)]
             total[series.v - v : series.v - v + len(terms)] += np.array(terms, dtype=np.int64)
         return Series(v, (total % self.p).tolist(), self.p)
@@ -344,10 +344,10 @@ class Series(Field):
     def __neg__(self) -> Series:
         return Series(self.v, [-x % self.p for x in self.c], self.p)
 
-    def _times(self, other: Series) -> Series:
-        flint, count = require_flint(), min(len(self.c), len(other.c))
-        product = flint.nmod_poly(self.c[:count], self.p) * flint.nmod_poly(other.c[:count], self.p)
-        return Series(self.v + other.v, [int(product[i]) for i in range(count)], self.p)
+    def _times(self, operand: Series) -> Series:
+        flint, count = require_flint(), min(len(self.c), len(operand.c))
+        product = flint.nmod_poly(self.c[:count], self.p) * flint.nmod_poly(operand.c[:count], self.p)
+        return Series(self.v + operand.v, [int(product[i]) for i in range(count)], self.p)
 
     def _inverse(self) -> Series:
         if not self.c:

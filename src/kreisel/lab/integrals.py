@@ -383,10 +383,10 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
     G = V[len(sizes) - still :] / scale @ (exponents * np.prod(x**lower, axis=-1).T)
     pi = np.zeros((subject.dim, subject.dim)) if subject.tensor is None else np.asarray(subject.tensor(x), dtype=float)
     fields, lengths = G @ pi, np.linalg.norm(G, axis=1)
-    both, size, turn = fields @ G.T, float(np.linalg.norm(G)), float(np.linalg.norm(pi))
+    pairings, size, turn = fields @ G.T, float(np.linalg.norm(G)), float(np.linalg.norm(pi))
     count, on_leaf, leaf, not_commuting = (
         int(np.linalg.matrix_rank(A, tol=1e-7 * scale))
-        for A, scale in ((G, size), (fields, size * turn), (pi, turn), (both, size**2 * turn))
+        for A, scale in ((G, size), (fields, size * turn), (pi, turn), (pairings, size**2 * turn))
     )
     return Numerical(
         degree=degree,
@@ -396,5 +396,5 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
         torus=on_leaf - not_commuting,
         largest=float(sizes[len(sizes) - still]) if still else 0.0,
         next=float(sizes[len(sizes) - still - 1]),
-        involution=float((np.abs(both) / np.outer(lengths, lengths)).max(initial=0.0)),
+        involution=float((np.abs(pairings) / np.outer(lengths, lengths)).max(initial=0.0)),
     )

@@ -187,10 +187,10 @@ def constants_of(constants: Any, place: str) -> Mapping[str, Any]:
     reserved = {*inspect.signature(investigate).parameters, *BESIDE} - {"eps"}
     if not isinstance(constants, Mapping) or not all(isinstance(k, str) for k in constants):
         raise InputError(f"{place}: expected names and values, such as {{'a': 2}}, got {shown(constants)}.")
-    if both := reserved & constants.keys():
+    if settings := reserved & constants.keys():
         raise InputError(
-            f"{place}: expected parameters, got {', '.join(sorted(both))}, which the investigation has as a setting: "
-            "give it as that, --n or n=, or name the parameter otherwise."
+            f"{place}: expected parameters, got {', '.join(sorted(settings))}, which the investigation has as a "
+            "setting: give it as that, --n or n=, or name the parameter otherwise."
         )
     return constants
 

@@ -104,9 +104,9 @@ LAWS: dict[str, Law] = {}
 
 def states(system: System, entries: str) -> bool:
     """Whether a record states all of these entries, such as "flow map.lax"."""
-    whole: Any = system
+    record: Any = system
     paths = [entry.split(".") for entry in entries.split()]
-    return all(reduce(lambda record, name: getattr(record, name, None), path, whole) for path in paths)
+    return all(reduce(lambda record, name: getattr(record, name, None), path, record) for path in paths)
 
 
 def law(

@@ -280,18 +280,18 @@ def relations(case: Case) -> Sides:
             return call(relation.carry, (*state, g), case.model.constants)
 
         target = find(relation.target)
-        there, params = carry(case.state, g)
+        target_state, params = carry(case.state, g)
         model = target(**params)
         kinds = target.space.kinds
         rate, omega = case.model.flow(*case.state), case.call(case.system.velocity)
         g_rate = omega @ g if case.system.frame is Frame.REST else g @ omega
         moving = tuple(along(z, r) for z, r in zip(case.state, rate, strict=True))
         carried = slopes(algebra.flatten(carry(moving, along(g, g_rate))[0], kinds), 1)[..., 0]
-        yield carried, algebra.flatten(model.flow(*there), kinds)
+        yield carried, algebra.flatten(model.flow(*target_state), kinds)
         if relation.map is not None and (case.numbers == "float" or case.map.rational):
             new = case.call(case.map.step)
             moved = carry(new, _turned_by_generator(case, g, case.state, new))[0]
-            expected = model.call(getattr(model.map, relation.map), *there, eps=case.eps)
+            expected = model.call(getattr(model.map, relation.map), *target_state, eps=case.eps)
             yield algebra.flatten(moved, kinds), algebra.flatten(expected, kinds)
 
 

@@ -89,12 +89,14 @@ class Mod(Ring):
         raise TypeError("a conversion to float: the step is not a rational function, which exact experiments need")
 
 
-def _operand(other: Any, p: int) -> Any:
+def _operand(operand: Any, p: int) -> Any:
     """The residues of a number; NotImplemented for arrays and for values made of residues."""
-    if isinstance(other, Mod):
-        return other.v
-    rational_number = isinstance(other, int | Fraction | np.integer) or (hasattr(other, "q") and hasattr(other, "p"))
-    return residue(other, p) if rational_number else NotImplemented
+    if isinstance(operand, Mod):
+        return operand.v
+    rational_number = isinstance(operand, int | Fraction | np.integer) or (
+        hasattr(operand, "q") and hasattr(operand, "p")
+    )
+    return residue(operand, p) if rational_number else NotImplemented
 
 
 def _power_modulo(base: Any, exponent: int, p: int) -> Any:

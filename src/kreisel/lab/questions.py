@@ -148,8 +148,8 @@ def verdict(c: Clues) -> tuple[str, str]:
             count = _counted(c.ranks.with_more, "independent integral")
             for_it.append(f"{count} on leaves of dimension {c.ranks.leaf} found exactly")
         if c.lax is not None and c.lax.isospectral and c.lax.involution and enough(c.lax):
-            more = "" if c.lax.on_leaf == c.lax.needed else ", with the further integrals of the record"
-            for_it.append(f"a Lax pair whose spectrum{more} is complete, conserved {where}")
+            supplement = "" if c.lax.on_leaf == c.lax.needed else ", with the further integrals of the record"
+            for_it.append(f"a Lax pair whose spectrum{supplement} is complete, conserved {where}")
         if c.numeric is not None and c.numeric.enough:
             count = _counted(c.numeric.on_leaf, "integral")
             for_it.append(f"{count} on leaves of dimension {c.numeric.leaf} conserved in floats")
@@ -226,8 +226,8 @@ def _volume(c: Clues) -> Answer:
     degree = next(d for d in (2, 1, 0) if math.comb(subject.dim + d, d) <= UNKNOWNS // 4 or d == 0)
     densities = [str(v) for v in brackets.volumes(subject, degree, c.seed)]
     for further in DARBOUX.get(subject.dim, ()):
-        more = None if densities else c.darboux(further)
-        densities = densities if more is None else [f"dx / ({D})" for D in more.densities]
+        result = None if densities else c.darboux(further)
+        densities = densities if result is None else [f"dx / ({D})" for D in result.densities]
     if not densities:
         return "none found", f"no density or inverse density of degree {degree} or less"
     c.volume = densities[0]
@@ -350,8 +350,8 @@ def _integrals(c: Clues) -> Answer:
             rank_on_leaves(c)
 
     for degree in DARBOUX.get(subject.dim, ()):
-        more = None if filled(c) else c.darboux(degree)
-        add(() if more is None else more.integrals)
+        result = None if filled(c) else c.darboux(degree)
+        add(() if result is None else result.integrals)
     if not filled(c):
         add(integrals.stated(subject, c.seed))
     if not filled(c) and subject.dim in QUOTIENTS:

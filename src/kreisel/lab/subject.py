@@ -303,8 +303,8 @@ def in_coordinates(step: Function, names: Sequence[str], eps: Any, options: Mapp
 
         return of_coordinates
 
-    given: dict[str, Any] = {name: of_x(name, f) for name, f in functions.items()}
-    return Subject(getattr(step, "__name__", "step"), names=tuple(names), constants=constants, **given)
+    entries: dict[str, Any] = {name: of_x(name, f) for name, f in functions.items()}
+    return Subject(getattr(step, "__name__", "step"), names=tuple(names), constants=constants, **entries)
 
 
 def on_group(step: Function, n: int, frame: str, eps: Any, options: Mapping[str, Any]) -> Subject:
@@ -312,10 +312,10 @@ def on_group(step: Function, n: int, frame: str, eps: Any, options: Mapping[str,
     if frame not in ("moving", "rest"):
         raise InputError(f"frame must be 'moving' or 'rest', got {shown(frame)}.")
     functions, constants = _parted(step, options)
-    if more := {"tensor", "start"} & functions.keys():
+    if unwanted := {"tensor", "start"} & functions.keys():
         raise InputError(
-            f"{', '.join(sorted(more))}: expected none on e*({n}), whose bracket is known and whose coordinates are "
-            'free. For another bracket give the coordinates, names=("M1", ...), and step(x).'
+            f"{', '.join(sorted(unwanted))}: expected none on e*({n}), whose bracket is known and whose coordinates "
+            'are free. For another bracket give the coordinates, names=("M1", ...), and step(x).'
         )
     named = {k: np.asarray(v, dtype=object) for k, v in constants.items()}
 

@@ -43,8 +43,8 @@ set_motion, get_motion: orientation q of those axes and angular velocity w in sp
 def check(dt: Any, pairs: Iterable[tuple[Any, Any]]) -> Any:
     """The status: 2 unless dt is allowed, 1 unless each pair ascends, else 0; NaN fails each comparison."""
     status = where_less(0.0, dt * dt, where_less(dt * dt, HUGE, 0.0, 2.0), 2.0)
-    for less, more in pairs:
-        status = where_less(less, more, status, 1.0)
+    for low, high in pairs:
+        status = where_less(low, high, status, 1.0)
     return status
 
 

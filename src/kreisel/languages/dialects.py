@@ -86,9 +86,9 @@ COMMENT = "/*\n{head}\n*/\n"
 FLAGS = "-ffp-contract=off for the bits, -O2 -march=native -fno-math-errno for speed."
 
 
-def _language(base: Dialect, forms: Mapping[str, str], **more: Any) -> Dialect:
+def _language(base: Dialect, forms: Mapping[str, str], **stated: Any) -> Dialect:
     """A language that differs from another one; `forms`: names of fields -> their forms, between bars."""
-    fields: dict[str, Any] = {**more}
+    fields: dict[str, Any] = {**stated}
     for names, text in forms.items():
         values = text.split("|")
         if names in GROUPS:

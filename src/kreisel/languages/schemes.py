@@ -33,9 +33,9 @@ POSITIVE = ("the parameters are finite, and positive where they have to be", MES
 class Stepped:
     """The functions of a plan of one trajectory.
 
-    made   the scheme with a recorded dt, or if it is `fitted`, its constants belong to the orbit of the initial state
-    orbit  constants of the trajectory that a function of the file computes from the state: name -> count
-    kinds  of the components; the user's form of a skew matrix is an axial vector for n = 3
+    variable   the scheme with a recorded dt; if it is `fitted`, its constants belong to the orbit of the initial state
+    orbit      constants of the trajectory that a function of the file computes from the state: name -> count
+    kinds      of the components; the user's form of a skew matrix is an axial vector for n = 3
     """
 
     def __init__(self, plan: Plan, single: bool = False):
@@ -46,11 +46,11 @@ class Stepped:
         self.held = single and self.by_moments and self.stages == 1
         self.letters = [name for name, o in self.fixed.outcomes.items() if o.kind in ("state", "orientation")]
         self.kinds = {name: algebra.KINDS[kind] for name, kind in self.fixed.components}
-        made = self._recorded(Graph().input("dt", 0))
-        self.fitted, self.made = made is None, made or self.fixed
-        phi = None if self.fitted or self.made.trajectory is None else self.model.map
+        recorded = self._recorded(Graph().input("dt", 0))
+        self.fitted, self.variable = recorded is None, recorded or self.fixed
+        phi = None if self.fitted or self.variable.trajectory is None else self.model.map
         self.turning = None if phi is None else phi.trajectory
-        new = sorted({*self.fixed.stages} - {*self.made.stages})
+        new = sorted({*self.fixed.stages} - {*self.variable.stages})
         self.orbit = {} if self.turning is None else dict.fromkeys(new, self.stages)
 
     def _recorded(self, dt: Any, constants: Values = MappingProxyType({})) -> Scheme | None:
@@ -62,11 +62,11 @@ class Stepped:
         graph, shapes = Graph(), {k: np.shape(v) for k, v in self.model.params.items()}
         try:
             self._derived({k: np.reshape(graph.inputs(k, math.prod(shape)), shape)[()] for k, shape in shapes.items()})
-            made = find(fixed.name).make(model, dt, fixed.options.get("order"), oriented)
+            scheme = find(fixed.name).make(model, dt, fixed.options.get("order"), oriented)
         except (TypeError, AttributeError, NotRecorded, InputError):
             return None
-        own = made.trajectory is None or (fixed.name == "veselov" and isinstance(made.motion, Steps))
-        return made if own else None
+        usable = scheme.trajectory is None or (fixed.name == "veselov" and isinstance(scheme.motion, Steps))
+        return scheme if usable else None
 
     def _derived(self, parameters: Values) -> Values:
         derive = self.model.system.derive
@@ -92,13 +92,13 @@ class Stepped:
 
     @cached_property
     def _values(self) -> dict[str, Any]:
-        stages = {k: v for k, v in self.made.stages.items() if k not in self.orbit}
-        return {**self.made.constants, **(self.made.basis if self.fitted else {}), **stages}
+        stages = {k: v for k, v in self.variable.stages.items() if k not in self.orbit}
+        return {**self.variable.constants, **(self.variable.basis if self.fitted else {}), **stages}
 
     @property
     def constants(self) -> dict[str, Field]:
         """All that a step reads, and dt."""
-        fields = {k: _field(v, stage=k in self.made.stages) for k, v in self._values.items()}
+        fields = {k: _field(v, stage=k in self.variable.stages) for k, v in self._values.items()}
         return {**fields, "dt": Field(0)}
 
     def prepare(self, **parameters: Any) -> dict[str, Any]:
@@ -109,9 +109,9 @@ class Stepped:
             if self.by_moments:
                 I = parameters.pop("I")  # noqa: E741
                 parameters["J"] = 0.5 * (I[SECOND] + I[THIRD] - I)
-            made: Any = self._recorded(dt)
-            given = {k: np.reshape(v, np.shape(self.model.params[k])) for k, v in parameters.items()}
-            values = {**made.constants, **made.stages, **given, **self._derived(given), "dt": dt}
+            scheme: Any = self._recorded(dt)
+            shaped = {k: np.reshape(v, np.shape(self.model.params[k])) for k, v in parameters.items()}
+            values = {**scheme.constants, **scheme.stages, **shaped, **self._derived(shaped), "dt": dt}
         return {f"c.{name}": values[name] for name in self.constants}
 
     def check(self, dt: Any, **parameters: Any) -> Any:
@@ -123,7 +123,7 @@ class Stepped:
         return check(dt, [pair for x, above in entries for pair in [(0.0, x)] * above + [(abs(x), HUGE)]])
 
     def _known(self, c: Values, stage: bool = False) -> dict[str, Any]:
-        stages = self.made.stages
+        stages = self.variable.stages
         shapes = {k: np.shape(v)[k in stages :] for k, v in self._values.items() if stage or k not in stages}
         return {k: np.reshape(np.asarray(c[k], dtype=object), shape)[()] for k, shape in shapes.items()}
 
@@ -235,18 +235,18 @@ def _field(value: Any, meaning: str = "", stage: bool = False) -> Field:
 
 def _require_steps(plan: Plan) -> None:
     """Raises `InputError` unless a plan is of one trajectory, by a step that is straight-line code."""
-    made, model = plan.scheme, plan.model
-    if made.corrector is not None:
+    scheme, model = plan.scheme, plan.model
+    if scheme.corrector is not None:
         raise InputError(
-            f"code: expected a method that steps the state itself, got the order {made.options['order']}, whose "
+            f"code: expected a method that steps the state itself, got the order {scheme.options['order']}, whose "
             "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
         )
     if model.n > MOST:
         raise InputError(f"code: expected n <= {MOST}, got n = {model.n}. Longer steps are no straight-line code.")
-    closed = isinstance(made.motion, Orbits) and closed_form(model.system, model.n) is not None
-    if not (isinstance(made.motion, Steps) or closed) or plan.large is not None or made.coupling is not None:
+    closed = isinstance(scheme.motion, Orbits) and closed_form(model.system, model.n) is not None
+    if not (isinstance(scheme.motion, Steps) or closed) or plan.large is not None or scheme.coupling is not None:
         raise InputError(
-            f"code: expected one body and a method that makes steps, got {made.name}. Give method='suris', "
+            f"code: expected one body and a method that makes steps, got {scheme.name}. Give method='suris', "
             "'baecklund', 'veselov', 'variational' or 'kahan'; bodies that act on each other have no file."
         )
 

@@ -82,14 +82,14 @@ def code(
     if method is None and order is None and closed and model.system.perturbation is None:
         method = "exact"
     plan = make_plan(model, start, orientation=orientation, dt=dt, steps=1, method=method, order=order)
-    made = contents(plan, body, dialect.single)
+    result = contents(plan, body, dialect.single)
     if engine is not None:
         if not _is_free(plan):
             raise InputError(f"convention: expected a free body, got {plan.model.system.name}.")
-        made = engine.body(made)
+        result = engine.body(result)
     default = "free_body" if _is_free(plan) else plan.model.system.name.replace("-", "_")
     licence = f"BSD-3-Clause, as Kreisel; made by `kreisel code`, Kreisel {importlib.metadata.version('kreisel')}."
-    return assembled(replace(made, head=[*made.head, licence]), dialect, name or default)
+    return assembled(replace(result, head=[*result.head, licence]), dialect, name or default)
 
 
 def _require_code(model: Any) -> None:
@@ -131,10 +131,10 @@ def contents(plan: Plan, body: PhysicalBody | None = None, single: bool = False)
         if body is not None:
             unit, time = scales["M"].size, scales["time"].size
             moments = moments * (unit * time)
-        made = free_body(moments, dt * time, M * unit, plan.start.get("g"), "SI" if body is not None else "", single)
+        result = free_body(moments, dt * time, M * unit, plan.start.get("g"), "SI" if body is not None else "", single)
         tensor = np.asarray(getattr(body, "inertia", np.zeros((3, 3))))[[0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1]]
         field = {"T": Field(6, "inertia tensor", tensor)} if tensor[3:].any() else {}
-        return replace(made, parameters={**made.parameters, **field})
-    made = Stepped(plan, single).body()
+        return replace(result, parameters={**result.parameters, **field})
+    result = Stepped(plan, single).body()
     units = [f"One unit of {name} is {scale.size!r} {scale.unit}." for name, scale in scales.items()]
-    return replace(made, head=[*made.head, *units])
+    return replace(result, head=[*result.head, *units])

@@ -261,9 +261,9 @@ class Body:
 def numbers_of(graph: Graph, name: str, fields: Mapping[str, Field], staged: bool = False) -> dict[str, Any]:
     """The fields of a type as inputs of a graph; `staged`: fields of one stage."""
     out = {}
-    for each, f in fields.items():
+    for entry, f in fields.items():
         count = f.stage if staged and f.stage else f.count
-        out[each] = graph.inputs(f"{name}.{each}", count) if count else graph.input(f"{name}.{each}", 0)
+        out[entry] = graph.inputs(f"{name}.{entry}", count) if count else graph.input(f"{name}.{entry}", 0)
     return out
 
 
@@ -279,15 +279,15 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
     results = function.apply(**values)
 
     def place(letter: str, i: int) -> str:
-        thing, _, name = letter.partition(".")
-        kind, count = function.arguments[thing]
+        owner, _, name = letter.partition(".")
+        kind, count = function.arguments[owner]
         index = str((i - 1) % 4 + dialect.first if letter in body.last else i + dialect.first)
         if not name:
-            return f"{thing}[{index}]" if count else thing
+            return f"{owner}[{index}]" if count else owner
         f = types[kind.split()[1]][name]
         if staged and f.stage:
             index = "k" if f.stage == 1 else f"{f.stage} * k + {i + dialect.first * (1 - f.stage)}"
-        return dialect.members[f.count > 0].format(object=thing, name=name, i=index)
+        return dialect.members[f.count > 0].format(object=owner, name=name, i=index)
 
     changed = [name for name, (kind, _) in function.arguments.items() if kind == "written state"]
     writer = Writer(dialect, place, changed)
@@ -339,9 +339,12 @@ def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Map
     """A type, declared."""
     head, number, array, end = dialect.types
     lines = [head.format(name=name, Name=name.capitalize(), **words)]
-    for each, f in fields.items():
-        more = {"comment": dialect.note.format(f.meaning) if f.meaning else "", "zeros": ", ".join(["0.0"] * f.count)}
-        lines.append((array if f.count else number).format(name=each, count=f.count, **more, **words))
+    for entry, f in fields.items():
+        words_of_field = {
+            "comment": dialect.note.format(f.meaning) if f.meaning else "",
+            "zeros": ", ".join(["0.0"] * f.count),
+        }
+        lines.append((array if f.count else number).format(name=entry, count=f.count, **words_of_field, **words))
     return "\n".join([*lines, end.format(name=name, **words)])
 
 
@@ -355,9 +358,9 @@ def assembled(body: Body, dialect: Dialect, name: str) -> str:
     values = {name: f.value for name, f in body.parameters.items()} | {f"start_{k}": v for k, v in body.start.items()}
     defaults = [
         dialect.default[np.ndim(v) > 0].format(
-            name=each, count=np.size(v), body=", ".join(map(dialect.literal, np.ravel(v).tolist())), **words
+            name=label, count=np.size(v), body=", ".join(map(dialect.literal, np.ravel(v).tolist())), **words
         )
-        for each, v in values.items()
+        for label, v in values.items()
     ]
     sections += ["\n".join(defaults), *(text_of(body, function, dialect, words) for function in body.functions)]
     sections += programs(body, dialect, words)

@@ -20,9 +20,9 @@ from kreisel.method.observing import BALANCE, WORK
 from kreisel.physical.measures import convert_fields, finite_floats, si_numbers
 from kreisel.record.calling import arguments_of
 from kreisel.record.contract import Parameter
-from kreisel.record.given import is_vector, shape_of
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIELDS, Controller
+from kreisel.record.values import is_vector, shape_of
 from kreisel.runs.in_si import ADDED, MEANINGS
 
 OF_RUNS = {*"agmMP", *MEANINGS, *ADDED, "energy", WORK, BALANCE, QUEUE, GENERATOR}  # variables, and letters of states

@@ -13,8 +13,8 @@ from kreisel.algebra import Array, floats
 from kreisel.errors import InputError, doubt, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.checks import doubtful_angle
-from kreisel.record.given import by_lane
 from kreisel.record.quantities import si, stated_unit
+from kreisel.record.values import by_lane
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 

@@ -95,8 +95,8 @@ class Body:
                 f"lag: expected 0 for a body without tides, got {shown(self.lag)}. Usual cause: no love=, the Love "
                 "number k_2 of the tides."
             )
-        known = getattr(self.inertia, "size", 0.0) or particle.r
-        size = known if self.radius is None else self._not_negative("radius")
+        default = getattr(self.inertia, "size", 0.0) or particle.r
+        size = default if self.radius is None else self._not_negative("radius")
         if love and not size > 0:
             raise InputError(
                 f"radius: expected a number > 0 for a body with tides, got {shown(self.radius)} and a particle of "
@@ -183,7 +183,7 @@ class Side(NamedTuple):
         """Whether rotation flattens it: a ball with tides."""
         return bool(self.row[-2] and not self.degree)
 
-    def factors(self, n: str, other: Side, h: float, scale: float) -> dict[str, Any]:
+    def factors(self, n: str, partner: Side, h: float, scale: float) -> dict[str, Any]:
         """The factors of this side, which is number `n` of the pair."""
         moments, third, fourth, tide, lag = np.split(self.row, ENDS[:-1])
         inverse = 1 / moments if moments.any() else moments
@@ -191,9 +191,9 @@ class Side(NamedTuple):
             f"D{n}": (moments.mean() - moments) / self.mass if self.degree else 0 * moments,
             f"degree_3_{n}": third / self.mass,
             f"degree_4_{n}": fourth / self.mass,
-            f"fluid{n}": h * other.mass * tide[0] if self.fluid else 0.0,
+            f"fluid{n}": h * partner.mass * tide[0] if self.fluid else 0.0,
             f"inverse{n}": inverse,
-            f"lag{n}": scale * other.source**2 * tide[0] * lag[0],
+            f"lag{n}": scale * partner.source**2 * tide[0] * lag[0],
             f"into{n}": self.on / self.mass,
             f"on{n}": self.on,
         }
@@ -207,17 +207,17 @@ class Row(NamedTuple):
     factors: dict[str, Any]
 
 
-def interactions(one: Side, two: Side, h: float, gravity: float) -> list[Row]:
+def interactions(left: Side, right: Side, h: float, gravity: float) -> list[Row]:
     """The kick of a pair for a time h, and the friction of its tides, as far as there are any."""
     scale, rows = h * gravity / G, []
-    tides = [(x, other.source**2 * x.row[ENDS[2]]) for x, other in ((one, two), (two, one))]
+    tides = [(x, partner.source**2 * x.row[ENDS[2]]) for x, partner in ((left, right), (right, left))]
     for lags in (False, True):
         active = [bool(x.row[-1] and tide) if lags else x.fluid for x, tide in tides]
-        order = [(x.degree if not lags else active[k], active[k], x.row[0] > 0) for k, x in enumerate((one, two))]
-        first, second = (one, two) if order[0] >= order[1] else (two, one)
-        count = 0 if not any(active) else 2 if all(active) or active != [first is one, first is two] else 1
-        raised = sum(tide for _, tide in tides) / (one.mass * two.mass)
-        factors = {"strength": scale * one.mass * two.mass, "raised": raised}
+        order = [(x.degree if not lags else active[k], active[k], x.row[0] > 0) for k, x in enumerate((left, right))]
+        first, second = (left, right) if order[0] >= order[1] else (right, left)
+        count = 0 if not any(active) else 2 if all(active) or active != [first is left, first is right] else 1
+        raised = sum(tide for _, tide in tides) / (left.mass * right.mass)
+        factors = {"strength": scale * left.mass * right.mass, "raised": raised}
         factors |= first.factors("1", second, h, scale) | second.factors("2", first, h, scale)
         places = first.particle, second.particle, first.body, second.body
         if lags and count:

@@ -183,8 +183,8 @@ class Kind(NamedTuple):
             constants = {name: factors[name] for name in FLUID}
             if self.fluids == 1:
                 L2, constants = none, constants | {"fluid2": 0.0, "on2": 0.0, "inverse2": none}
-            more = flatten(r, L1, L2, **constants)
-            p, T1, T2 = (x + y for x, y in zip((p, T1, T2), more, strict=True))
+            terms = flatten(r, L1, L2, **constants)
+            p, T1, T2 = (x + y for x, y in zip((p, T1, T2), terms, strict=True))
         return [*np.concatenate([p, T1, T2])]
 
 
@@ -225,9 +225,9 @@ class Code:
         with f.loop(0, words["count"]) as number:
             place = backwards * (words["count"] - 1 - number * 2) + number
             kind, *pair = f.integers(words["pairs"]).get(5, place * 5)
-            for at, each in enumerate(self.kinds):
+            for at, interaction in enumerate(self.kinds):
                 with f.where(kind.compared("==", at)):
-                    self._act(each, pair, self.doubles["factors"].beyond(place * ENDS[-1]))
+                    self._act(interaction, pair, self.doubles["factors"].beyond(place * ENDS[-1]))
         share = builder.fdiv(constant(DOUBLE, 1.0), self.times["dt"][0]) if inside else constant(DOUBLE, 1.0)
         with f.loop(0, words["particles"]) as i, f.loop(0, 3) as k:
             target = p.beyond(i * words["width"] + (6 if inside else 3) + k)
@@ -271,16 +271,16 @@ class Code:
         if not inside:
             return
         *sums, mass = f.variables(4)  # of mass times place, and of mass, of the particles further in
-        for each in (*sums, mass):
-            each[0] = 0.0
+        for cell in (*sums, mass):
+            cell[0] = 0.0
         scale = builder.fmul(half, self.times["G"][0])
         with f.loop(0, words["particles"]) as i:
             x, m = p.beyond(i * width).get(3), self.doubles["masses"][i]
             with f.where(i.compared(">", 1)):
                 q = [builder.fsub(a, builder.fdiv(s[0], mass[0])) for a, s in zip(x, sums, strict=True)]
                 self._undo_attraction(i, q, m, mass[0], scale)
-            for a, each in zip((*x, constant(DOUBLE, 1.0)), (*sums, mass), strict=True):
-                each[0] = builder.fadd(each[0], builder.fmul(m, a))
+            for a, cell in zip((*x, constant(DOUBLE, 1.0)), (*sums, mass), strict=True):
+                cell[0] = builder.fadd(cell[0], builder.fmul(m, a))
 
     def _undo_attraction(self, i: Integer, q: list[Value], m: Value, inner: Value, scale: Value) -> None:
         """Changes of v without the attraction of particle i, at q from the centre, and the mass further in."""
@@ -311,14 +311,14 @@ class Code:
     def _turn(self, which: str, z: Memory, c: Memory, h: Value) -> None:
         """Rotate a body, in parts of up to 4 radians."""
         f, builder = self.f, self.f.builder
-        one, two, most = (constant(DOUBLE, x) for x in (1.0, 2.0, float(MOST_PARTS)))
+        unit, two, most = (constant(DOUBLE, x) for x in (1.0, 2.0, float(MOST_PARTS)))
 
         def outputs(name: str, share: Value) -> list[Value]:
             values = *z.get(7), share
             return f.outputs(*rotations()[name + which], lambda letter, at: values[at] if letter == "z" else c[at])
 
         (reach,) = outputs("reach", h)
-        parts = builder.fadd(one, builder.fmul(two, f.intrinsic("sqrt", reach)))
+        parts = builder.fadd(unit, builder.fmul(two, f.intrinsic("sqrt", reach)))
         with f.otherwise(builder.fcmp_ordered("<", parts, most)) as (few, many):
             with few:
                 count = Integer(builder, builder.fptosi(parts, INTEGER))

@@ -319,19 +319,19 @@ class Spins:
         """
         target, names = place(path, NEEDED), [("#" * isinstance(name, str)) + str(name) for name in self.names]
         with on_disk(path, "be written"), scratch(target.parent, ".kreisel-", files=FILES) as folder:
-            simulation, whole = (folder / name for name in FILES)
+            simulation, archive = (folder / name for name in FILES)
             self.sim.save_to_file(str(simulation))
             arrays: dict[str, Any] = {
                 "format": FORMAT,
                 "simulation": np.frombuffer(simulation.read_bytes(), dtype=np.uint8),
             }
             arrays |= {"particles": np.array(particle_names(self.sim), dtype=np.str_), "names": names}
-            with whole.open("wb") as file:
+            with archive.open("wb") as file:
                 kick = np.nan if self._kick is None else self._kick
                 np.savez(file, allow_pickle=False, **arrays, z=self._z, c=self._c, dt=kick)
                 file.flush()
                 os.fsync(file.fileno())
-            whole.replace(target)
+            archive.replace(target)
 
     # -- data of the kernels --------------------------------------------------------------------------------
 
@@ -435,7 +435,7 @@ def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) 
     if len(set(index)) < len(index):
         raise InputError(f"bodies: expected each particle once, got {shown(list(bodies))}.")
     rows = [body._of_particle(sim.particles[i]) for body, i in zip(bodies.values(), index, strict=True)]
-    z, c = (np.array(each) for each in zip(*rows, strict=True))
+    z, c = (np.array(column) for column in zip(*rows, strict=True))
     return Spins(sim, bodies, z, c, dt)
 
 
@@ -465,9 +465,9 @@ def load(path: str | os.PathLike[str]) -> Spins:
             sim = restored(arrays["simulation"].tobytes(), arrays["particles"].tolist())
     except (RuntimeError, ValueError) as error:
         raise RunError(f"{path}: REBOUND could not read its part: {error}. Usual cause: another version.") from error
-    for each in said:
-        if "corrupted" in str(each.message):
-            raise RunError(f"{path}: REBOUND could not read its part: {each.message}")
-        warnings.warn(str(each.message), RuntimeWarning, stacklevel=2)
+    for warning in said:
+        if "corrupted" in str(warning.message):
+            raise RunError(f"{path}: REBOUND could not read its part: {warning.message}")
+        warnings.warn(str(warning.message), RuntimeWarning, stacklevel=2)
     keys = [name[1:] if name.startswith("#") else int(name) for name in names.tolist()]
     return Spins(sim, keys, arrays["z"], arrays["c"], None if np.isnan(arrays["dt"]) else float(arrays["dt"]))

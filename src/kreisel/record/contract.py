@@ -19,8 +19,8 @@ from kreisel.algebra import KINDS, Array, coordinate_count, invariants, restore
 from kreisel.algebra.reuse import KEPT, cached_property
 from kreisel.display import show
 from kreisel.record.calling import Function, call, keywords, naming, require_names
-from kreisel.record.given import require_one_reading
 from kreisel.record.model import Model
+from kreisel.record.values import require_one_reading
 
 if TYPE_CHECKING:
     from kreisel.record.perturbation import Perturbation

@@ -16,11 +16,20 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity
 from kreisel.display import show
 from kreisel.errors import InputError, hint, shown
-from kreisel.record import given
 from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.calling import Function, call, require_names
-from kreisel.record.given import axes_of, by_lane, component, of_axial, parameter, require_on_phase_space, text_of
 from kreisel.record.table import handles
+from kreisel.record.values import (
+    axes_of,
+    by_lane,
+    component,
+    of_axial,
+    parameter,
+    require_on_phase_space,
+    shape_of,
+    text_of,
+    whole_dimension,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -238,7 +247,7 @@ class Model:
             return self.system.n
         stated = [p.letter for p in self.system.parameters if p.kind == "dimension"]
         if stated:
-            return given.whole_dimension(self.params[stated[0]], stated[0], self.system.name)
+            return whole_dimension(self.params[stated[0]], stated[0], self.system.name)
         sizes = {
             p.letter: self.params[p.letter].shape[-1]
             for p in self.system.parameters
@@ -308,7 +317,7 @@ class Model:
     def _of_values(self, *values: Any) -> State:
         """The state with these components, in order.  Raises `InputError`."""
         space, parts = self.system.space, {}
-        vectors = [given.shape_of(v) for kind, v in zip(space.kinds, values, strict=True) if kind == "vector"]
+        vectors = [shape_of(v) for kind, v in zip(space.kinds, values, strict=True) if kind == "vector"]
         three_lanes = self.batch == (3,) or (3, 3) in vectors
         for (letter, kind), value in zip(space.components, values, strict=True):
             parts[letter] = component(letter, kind, value, self.n, self._in_pairs, three_lanes)

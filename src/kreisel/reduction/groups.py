@@ -117,11 +117,11 @@ class Group:
     def __repr__(self) -> str:
         return f"<{self.name}, dimension {self.dim}, {self.retraction}>"
 
-    def same(self, other: Any) -> bool:
-        """Whether the other is this group: equal basis, retraction and form of the momenta, under any name."""
-        if not isinstance(other, Group) or (self.retraction, self.skew) != (other.retraction, other.skew):
+    def same(self, group: Any) -> bool:
+        """Whether this is the group, too: equal basis, retraction and form of the momenta, under any name."""
+        if not isinstance(group, Group) or (self.retraction, self.skew) != (group.retraction, group.skew):
             return False
-        return np.array_equal(self.basis, other.basis)
+        return np.array_equal(self.basis, group.basis)
 
     @property
     def dim(self) -> int:

@@ -98,10 +98,10 @@ class _Batched:
             places = np.minimum(np.arange(start, start + size), count - 1)
             piece = {k: v[places] if k in spread else v for k, v in constants.items()}
             out.append(jax.tree.map(np.asarray, self.compiled(spread)([a[places] for a in lanes], piece)))
-        whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count].reshape(batch + parts[0].shape[1:]), *out)
-        if not all(np.isfinite(v).all() for v in jax.tree.leaves(whole)) and all(np.isfinite(a).all() for a in args):
+        result = jax.tree.map(lambda *parts: np.concatenate(parts)[:count].reshape(batch + parts[0].shape[1:]), *out)
+        if not all(np.isfinite(v).all() for v in jax.tree.leaves(result)) and all(np.isfinite(a).all() for a in args):
             raise RunError(self.trouble)
-        return jax.tree.map(lambda v: v[()] if v.ndim == 0 else v, whole)
+        return jax.tree.map(lambda v: v[()] if v.ndim == 0 else v, result)
 
 
 def _as_lanes(a: Array, axes: Any, batch: tuple[int, ...]) -> Array:

@@ -70,17 +70,17 @@ def _eliminated(A: Array) -> tuple[Array, Array]:
     rows = jnp.arange(n)
 
     def eliminate(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        both, determinant = carry
-        p = jnp.argmax(jnp.where(rows >= k, abs(both[:, k]), -1.0))
-        both = both[jnp.where(rows == k, p, jnp.where(rows == p, k, rows))]
-        pivot = both[k, k]
-        row = both[k] / pivot
-        others = both - jnp.where(rows == k, 0.0, both[:, k])[:, None] * row
+        augmented, determinant = carry
+        p = jnp.argmax(jnp.where(rows >= k, abs(augmented[:, k]), -1.0))
+        augmented = augmented[jnp.where(rows == k, p, jnp.where(rows == p, k, rows))]
+        pivot = augmented[k, k]
+        row = augmented[k] / pivot
+        others = augmented - jnp.where(rows == k, 0.0, augmented[:, k])[:, None] * row
         return jnp.where((rows == k)[:, None], row, others), determinant * jnp.where(p == k, pivot, -pivot)
 
     start = jnp.concatenate([A, jnp.eye(n, dtype=A.dtype)], axis=1), jnp.ones((), A.dtype)
-    both, determinant = lax.fori_loop(0, n, eliminate, start)
-    return both[:, n:], determinant
+    augmented, determinant = lax.fori_loop(0, n, eliminate, start)
+    return augmented[:, n:], determinant
 
 
 algebra.LINEAR_ALGEBRA[jnp.__name__] = sys.modules[__name__]

@@ -262,9 +262,11 @@ class _Record:
         first = {k: v[(0,) * lanes] for k, v in constants.items()}
         check_lagrangian(self, first)
 
-    def lift(self, core: Callable[..., Any], axes: Sequence[int] | None = None, eps: bool = False, **more: Any) -> Any:
+    def lift(
+        self, core: Callable[..., Any], axes: Sequence[int] | None = None, eps: bool = False, **options: Any
+    ) -> Any:
         keywords = {**self.keywords, **({"eps": None} if eps else {})}
-        return lifted(core, self.axes if axes is None else axes, keywords, **more)
+        return lifted(core, self.axes if axes is None else axes, keywords, **options)
 
     def space(self) -> PhaseSpace:
         letters = ("M", "P") if self.frame is Frame.MOVING else ("m", "a")
@@ -293,13 +295,13 @@ class _Record:
         )
 
     def map(self, source: str, conserved: tuple[str, ...], order: int | None) -> Map:
-        both, carried = [*self.axes, *self.axes], [algebra.KINDS[self.rep.space.kind].axes]
+        axes, carried = [*self.axes, *self.axes], [algebra.KINDS[self.rep.space.kind].axes]
         step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
         inverse = self.lift(self.of(self.discrete, "inverse", self.shown), **step)
         return Map(
             step=self.lift(self.of(self.discrete, "step", self.shown), **step),
             inverse=inverse,
-            generator=self.lift(self.generator, both, **step) if self.rotations else None,
+            generator=self.lift(self.generator, axes, **step) if self.rotations else None,
             lagrangian=self.lift(self.unreduced, [2, 2, *carried], eps=True) if self.rotations else None,
             regularity=self.lift(self.regularity, eps=True),
             conserves=conserved,

@@ -20,7 +20,7 @@ from kreisel.method.exact import motion_of_top
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Jump
 from kreisel.record.body import Body, as_body
-from kreisel.record.given import in_lane
+from kreisel.record.values import in_lane
 from kreisel.runs.describing import in_memory
 from kreisel.runs.in_si import scaled, state_of, times_of
 from kreisel.runs.orbits import presented

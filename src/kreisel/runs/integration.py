@@ -19,7 +19,7 @@ from kreisel.errors import InputError, RunError
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits, Steps
 from kreisel.process import SPENT
-from kreisel.record.given import in_lane
+from kreisel.record.values import in_lane
 from kreisel.runs.plan import BREAKS, Fault, Plan, faults, is_finite
 from kreisel.runs.planning import cause_of_no_numbers
 from kreisel.runs.settings import LARGE, of_forces

@@ -21,9 +21,9 @@ from kreisel.record.body import as_body
 from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM
 from kreisel.record.calling import Portable
 from kreisel.record.contract import System
-from kreisel.record.given import by_lane
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
+from kreisel.record.values import by_lane
 
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow

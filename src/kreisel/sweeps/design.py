@@ -115,8 +115,8 @@ class Lanes:
         self._shown = {_varied(k, "shown", True): np.asarray(v) for k, v in spec.get("shown", {}).items()}
         self._axes = spec.get("axes")
         self.base = {section: dict(base.get(section, {})) for section in SECTIONS}
-        quantities = {part: [*_quantities(spec.get(part, {}), part, words)] for part in ("grid", "list", "random")}
-        self.grid, self.listed = ({k: _values(k, v, words) for k, v in quantities[part]} for part in ("grid", "list"))
+        quantities = {kind: [*_quantities(spec.get(kind, {}), kind, words)] for kind in ("grid", "list", "random")}
+        self.grid, self.listed = ({k: _values(k, v, words) for k, v in quantities[kind]} for kind in ("grid", "list"))
         self.draws = {k: self._draw(k, v) for k, v in quantities["random"]}
         self._check_names()
         lengths = {k.name: len(v) for k, v in self.listed.items()}
@@ -152,7 +152,9 @@ class Lanes:
         """Name and size of each axis of the result, with the values of its quantities; no axis for a single draw."""
         if self._axes is not None:
             named = {quantity.name: quantity for quantity in self._shown}
-            return [(axis, size, {named[k]: np.asarray(v) for k, v in each.items()}) for axis, size, each in self._axes]
+            return [
+                (axis, size, {named[k]: np.asarray(v) for k, v in values.items()}) for axis, size, values in self._axes
+            ]
         out = []
         for quantities, size in self.axes:
             axis = "draw" if not quantities else "list" if quantities[0] in self.listed else quantities[0].name
@@ -200,8 +202,8 @@ class Lanes:
         if len(listed) != DRAWS[kind][0]:
             raise InputError(f"{quantity.name}: {kind} needs {DRAWS[kind][0]} values, got {shown(values)}.")
         bounds = tuple(_number_array(v, quantity.name) for v in listed)
-        given = self.base[quantity.section].get(quantity.letter)
-        start = () if quantity.index or given is None else _number_array(given, quantity.name).shape
+        usual = self.base[quantity.section].get(quantity.letter)
+        start = () if quantity.index or usual is None else _number_array(usual, quantity.name).shape
         try:
             shape = np.broadcast_shapes(start, *(b.shape for b in bounds))
         except ValueError:
@@ -243,10 +245,10 @@ class Lanes:
         for quantity in sorted(values, key=lambda q: len(q.index)):  # an entry replaces part of a varying quantity
             value, table = values[quantity], out[quantity.section]
             if quantity.index:
-                whole = table[quantity.letter]
+                entries = table[quantity.letter]
                 if (quantity.section, quantity.letter) not in varied:
-                    whole = np.broadcast_to(_number_array(whole, quantity.name), (len(value), *np.shape(whole)))
-                array: Any = np.array(whole, dtype=np.float64)
+                    entries = np.broadcast_to(_number_array(entries, quantity.name), (len(value), *np.shape(entries)))
+                array: Any = np.array(entries, dtype=np.float64)
                 array[(slice(None), *quantity.index)] = value
                 value = array
             table[quantity.letter] = value

@@ -36,10 +36,10 @@ from kreisel.method.scheme import KINDS
 from kreisel.record.body import Body, joined
 from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.contract import System
-from kreisel.record.given import axes_of
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.record.quantities import in_base_units
+from kreisel.record.values import axes_of
 from kreisel.runs import harmonics
 from kreisel.runs.in_si import scaled, scaled_settings
 from kreisel.runs.integration import Integration
@@ -175,10 +175,10 @@ class Sweep:
         if settings.order != "auto":
             return [(ids, None)]
         result: dict[tuple[int, int], tuple[list[int], Choice]] = {}
-        each = choices(model, model.state(**start), settings, orientation)
-        if len(each) != len(ids):
+        chosen = choices(model, model.state(**start), settings, orientation)
+        if len(chosen) != len(ids):
             return [(ids, None)]  # `plan` reports the fault
-        for lane, choice in zip(ids.tolist(), each, strict=True):
+        for lane, choice in zip(ids.tolist(), chosen, strict=True):
             result.setdefault((choice.order, choice.steps), ([], choice))[0].append(lane)
         return [(np.array(lanes), choice) for lanes, choice in result.values()]
 
@@ -245,9 +245,11 @@ class Sweep:
             ids, choice, chosen = pending.pop()
             try:
                 if not chosen:
-                    pending += [(lanes, one, True) for lanes, one in reversed(self.alike(sections, ids, varied))]
+                    pending += [
+                        (lanes, decision, True) for lanes, decision in reversed(self.alike(sections, ids, varied))
+                    ]
                     continue
-                part, failed = self._simulated(self.plan(sections, ids, varied, choice))
+                results, failed = self._simulated(self.plan(sections, ids, varied, choice))
             except TROUBLES as error:
                 if len(ids) == 1:
                     faults[int(ids[0])] = str(error)
@@ -255,8 +257,8 @@ class Sweep:
                     half = len(ids) // 2
                     pending += [(ids[half:], choice, chosen), (ids[:half], choice, chosen)]
                 continue
-            for name in out.keys() & part.keys():
-                out[name][(*(slice(None),) * layouts[name][1], ids)] = part[name]
+            for name in out.keys() & results.keys():
+                out[name][(*(slice(None),) * layouts[name][1], ids)] = results[name]
             faults |= {int(ids[lane]): why for lane, why in failed.items()}
         return out, faults
 
@@ -265,14 +267,14 @@ class Sweep:
         failed: dict[int, str] = {}
         folded: dict[tuple[str, str], Any] = {}
         covered = [(kind, k) for kind in self.save if kind in SUMMARIES for k in summarized(kind, plan.outcomes)]
-        whole: dict[str, list[Array]] = {}
+        saved: dict[str, list[Array]] = {}
         for block in Integration(plan, faults=failed).blocks():
             for kind, name in covered:
                 values = folded.get((kind, name))
                 folded[kind, name] = SUMMARIES[kind].fold(values, block[name], plan.steps // plan.every + 1)
             if TRAJECTORIES in self.save:
                 for name, value in block.items():
-                    whole.setdefault(name, []).append(value)
+                    saved.setdefault(name, []).append(value)
         out: dict[str, Array] = {}
         for (kind, name), values in folded.items():
             if kind == "frequencies":
@@ -288,7 +290,7 @@ class Sweep:
             out |= {name: np.full(plan.lanes, float(value)) for name, value in zip(CHOSEN, chosen, strict=True)}
         for value in out.values():
             value[list(failed)] = np.nan
-        return out | {name: np.concatenate(values) for name, values in whole.items()}, failed
+        return out | {name: np.concatenate(values) for name, values in saved.items()}, failed
 
 
 def _ready(value: Any, kind: str | None, varied: bool, lanes: int | None = None) -> Any:
@@ -344,8 +346,8 @@ def by_lane(
     values = lanes.values(0, lanes.total)
     if system := next((q.name for q in values if q.section == "system"), None):
         raise InputError(f"{system}: expected body.NAME, state.NAME or run.NAME next to values of a body in SI.")
-    each = [{q: v[lane].tolist() for q, v in values.items()} for lane in range(lanes.total)]
-    changes = [_of_body({q: v for q, v in lane.items() if q.section == "body"}) for lane in each]
+    values_by_lane = [{q: v[lane].tolist() for q, v in values.items()} for lane in range(lanes.total)]
+    changes = [_of_body({q: v for q, v in lane.items() if q.section == "body"}) for lane in values_by_lane]
     many = bodies(changes) if any(changes) else body
     if any(changes) and isinstance(x0, State):
         raise InputError(
@@ -356,7 +358,7 @@ def by_lane(
     states = []
     for lane, member in enumerate(getattr(many, "members", [body] * lanes.total)):
         try:
-            states.append(_started(member, x0, {q: v for q, v in each[lane].items() if q.section == "state"}))
+            states.append(_started(member, x0, {q: v for q, v in values_by_lane[lane].items() if q.section == "state"}))
         except InputError as error:
             raise InputError(f"Lane {lane}: {error}") from error
     state = joined(model, states)
@@ -368,7 +370,9 @@ def by_lane(
         parameters[p.letter] = value[0] if many_values else value
         listed |= {f"system.{p.letter}": value} if many_values else {}
     start = {**state.axial, **({} if state.orientation is None else {"orientation": state.orientation})}
-    settings = _settings(model, run, [{q.letter: v for q, v in lane.items() if q.section == "run"} for lane in each])
+    settings = _settings(
+        model, run, [{q.letter: v for q, v in lane.items() if q.section == "run"} for lane in values_by_lane]
+    )
     listed |= {f"state.{letter}": value for letter, value in start.items()}
     listed |= {f"run.{name}": value for name, value in settings.items() if isinstance(value, list)}
     axes = [[axis, size, {q.name: in_base_units(v) for q, v in tables.items()}] for axis, size, tables in lanes.folded]
@@ -390,21 +394,21 @@ def by_lane(
 def _settings(model: Model, run: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The settings of a run in the units of the state: lists of settings that vary."""
     fixed, several = {name: value for name, value in run.items() if value is not None}, bool(changes[0])
-    each = [with_steps(scaled_settings(model, {**fixed, **c})) for c in (changes if several else changes[:1])]
-    names = {*changes[0], *(("dt", "steps") if "dt" in changes[0] else ())} & each[0].keys()
-    out = {**each[0], **{name: [settings[name] for settings in each] for name in names}}
+    scaled = [with_steps(scaled_settings(model, {**fixed, **c})) for c in (changes if several else changes[:1])]
+    names = {*changes[0], *(("dt", "steps") if "dt" in changes[0] else ())} & scaled[0].keys()
+    out = {**scaled[0], **{name: [settings[name] for settings in scaled] for name in names}}
     return {name: value for name, value in out.items() if name not in ("asked_dt", "t_end")}
 
 
 def _started(body: Body, x0: Any, changes: Changes) -> State:
     """The state of a body with changed arguments of `body.state` and variables of its runs."""
     arguments = {} if isinstance(x0, State) or x0 is None else dict(x0)
-    known = () if isinstance(x0, State) else tuple(inspect.signature(body.state).parameters)
+    letters = () if isinstance(x0, State) else tuple(inspect.signature(body.state).parameters)
     for q, value in changes.items():
-        if q.letter in known:
+        if q.letter in letters:
             arguments[q.letter] = _with_entry(arguments.get(q.letter), q, value)
     state = x0 if isinstance(x0, State) else body.state(**arguments)
-    words = {q: value for q, value in changes.items() if q.letter not in known}
+    words = {q: value for q, value in changes.items() if q.letter not in letters}
     if not words:
         return state
     model = body.in_si()
@@ -413,7 +417,7 @@ def _started(body: Body, x0: Any, changes: Changes) -> State:
     for q, value in words.items():
         letter = frame.letters.get(q.letter)
         if letter is None or (letter == ORIENTATION and orientation is None):
-            names = (*known, *frame.letters)
+            names = (*letters, *frame.letters)
             raise InputError(f"{q.name}: expected {', '.join(names)}, got {shown(q.letter)}.{hint(q.letter, names)}")
         old = np.asarray(orientation if letter == ORIENTATION else parts[letter])
         entries = _with_entry(frame.change(letter, True)(old).tolist(), q, value)
@@ -426,20 +430,22 @@ def _started(body: Body, x0: Any, changes: Changes) -> State:
 
 def _of_body(changes: Changes) -> dict[str, Any]:
     """Functions that change values of a body, by their names."""
-    names = {q.letter: [(each, v) for each, v in changes.items() if each.letter == q.letter] for q in changes}
+    names = {
+        q.letter: [(quantity, v) for quantity, v in changes.items() if quantity.letter == q.letter] for q in changes
+    }
     return {
         name: lambda value, of=of: functools.reduce(lambda old, change: _with_entry(old, *change), of, value)
         for name, of in names.items()
     }
 
 
-def _with_entry(whole: Any, q: Varied, value: Any) -> Any:
+def _with_entry(entries: Any, q: Varied, value: Any) -> Any:
     """A value, or a vector or matrix with this value at the index of a quantity.  Raises `InputError`."""
     if not q.index:
         return value
-    out: Any = whole.tolist() if isinstance(whole, np.ndarray) else whole
+    out: Any = entries.tolist() if isinstance(entries, np.ndarray) else entries
     first, *others = q.index
     if not isinstance(out, list | tuple) or first >= len(out) or len(others) > 1:
-        raise InputError(f"{q.name}: expected an entry of {shown(whole)}, which has none at {list(q.index)}.")
+        raise InputError(f"{q.name}: expected an entry of {shown(entries)}, which has none at {list(q.index)}.")
     inner = _with_entry(out[first], Varied(q.section, q.letter, tuple(others)), value)
-    return [inner if place == first else each for place, each in enumerate(out)]
+    return [inner if place == first else entry for place, entry in enumerate(out)]

@@ -54,8 +54,8 @@ def broken_lanes(result: xr.Dataset, source: Path | System | None = None) -> lis
     lanes = np.argsort(-score)[:LOOKED_AT]
     sentences = []
     for lane in lanes[score[lanes] > FAR_RELATIVE].tolist():
-        here = {name: (first[lane], change[lane]) for name, (first, change) in changes.items()}
-        sentences += [f"lane {lane}: {name}" for name in _broken(result, sweep, lane, here)[:1]]
+        of_lane = {name: (first[lane], change[lane]) for name, (first, change) in changes.items()}
+        sentences += [f"lane {lane}: {name}" for name in _broken(result, sweep, lane, of_lane)[:1]]
     return [
         f"{where} is not conserved, although the method conserves it. Usual cause: a step far too long for this state, "
         "or a map or an integral that contradicts its record. Use a smaller dt."
@@ -99,10 +99,10 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
         if variable.attrs["kind"] == "state":
             saved = [f"{name}_{end}" for end in ("min", "max") if f"{name}_{end}" in result]
             begun = float(abs(variable).max())
-            whole = max((float(abs(read_values(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)
-            if whole > GROWN * begun:
+            largest_saved = max((float(abs(read_values(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)
+            if largest_saved > GROWN * begun:
                 return []  # its scales differ from the initial scales
-            largest = max(largest, begun, whole)
+            largest = max(largest, begun, largest_saved)
     out = []
     for name, (start, drift) in changes.items():
         if name not in run or not run[name].attrs.get("conserved"):
@@ -110,7 +110,7 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
         step, value = (lane_scales(run[name], key)[0] for key in ("roundoff_scale", "evaluation_scale"))
         width = MACHINE_EPSILON * (step * np.sqrt(steps) + value)
         bad = np.flatnonzero(far(drift, width, step + abs(start), plan.dt * largest))
-        out += [f"{name}[{part}]" if len(start) > 1 else name for part in bad]
+        out += [f"{name}[{index}]" if len(start) > 1 else name for index in bad]
     return out
 
 
@@ -158,10 +158,10 @@ def lanes_again(run: xr.Dataset) -> list[str]:
         if np.max(settings["steps"]) > MOST_STEPS // SAMPLES:
             continue
         try:
-            here = results_of(sweep, arrays, {k: v.dims.index("lane") for k, v in arrays.items()}, lane, lane + 1)
+            computed = results_of(sweep, arrays, {k: v.dims.index("lane") for k, v in arrays.items()}, lane, lane + 1)
         except TROUBLES as error:
             return [f"lane {lane} cannot be computed again: {error}"]
-        for name, value in here.items():
+        for name, value in computed.items():
             variable = run[name]
             saved = variable.isel(lane=slice(lane, lane + 1)).values
             if not np.array_equal(saved, value, equal_nan=value.dtype.kind == "f"):

@@ -54,8 +54,8 @@ class Store:
 
     def missing(self) -> list[int]:
         """The blocks that are not finished."""
-        there = archive.blocks_done(self.part, "failed")
-        return [k for k in range(self.blocks) if k not in there]
+        done = archive.blocks_done(self.part, "failed")
+        return [k for k in range(self.blocks) if k not in done]
 
     def lanes_done(self, todo: Sequence[int]) -> int:
         """Lanes of the blocks that are not in `todo`."""
@@ -90,8 +90,13 @@ class Store:
         if record.sweep == self._text and record.block_lanes == self.width:
             return
         with contextlib.suppress(ValueError, TypeError, KeyError, AttributeError):
-            other, here = (parsed(text, "The attribute sweep") for text in (record.sweep, self._text))
-            parts = [f"{s}.{k}" for s in here for k in {**here[s], **other[s]} if here[s].get(k) != other[s].get(k)]
+            saved, requested = (parsed(text, "The attribute sweep") for text in (record.sweep, self._text))
+            parts = [
+                f"{s}.{k}"
+                for s in requested
+                for k in {**requested[s], **saved[s]}
+                if requested[s].get(k) != saved[s].get(k)
+            ]
         differs = f" (it differs in {', '.join(sorted(parts)[:5])})" if parts else ""
         raise InputError(
             f"{where} holds another sweep{differs} and is unchanged. Choose another path, or replace it with "
@@ -112,7 +117,7 @@ class Store:
         out: dict[str, dict[str, Any]] = {}
 
         def add(
-            name: str, remainder: tuple[int, ...], dims: tuple[str, ...], attrs: Mapping[str, Any], **more: Any
+            name: str, remainder: tuple[int, ...], dims: tuple[str, ...], attrs: Mapping[str, Any], **options: Any
         ) -> None:
             layout = {
                 "shape": (total, *remainder),
@@ -120,17 +125,17 @@ class Store:
                 "dtype": np.dtype("f8"),
                 "fill_value": np.nan,
             }
-            out[name] = {**layout, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **more}
+            out[name] = {**layout, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **options}
 
         for quantity, example in self.sweep.lanes.inputs(0, 1).items():
             dims = tuple(f"{quantity.name}_{i}" for i in range(example.ndim - 1))
             attrs: dict[str, Any] = {"long_name": f"{quantity.name}, as given", "kind": "input", "units": "1"}
-            more: dict[str, Any] = {"dtype": np.dtype("i8"), "fill_value": 0} if example.dtype.kind in "iu" else {}
+            encoding: dict[str, Any] = {"dtype": np.dtype("i8"), "fill_value": 0} if example.dtype.kind in "iu" else {}
             if example.dtype.kind == "U":
                 words = sorted(set(self.sweep.lanes.tables[quantity].tolist()))
                 attrs |= {"flag_values": list(range(len(words))), "flag_meanings": " ".join(words)}
-                more = {"dtype": np.dtype("u1"), "fill_value": 0}
-            add(quantity.name, example.shape[1:], dims, attrs, **more)
+                encoding = {"dtype": np.dtype("u1"), "fill_value": 0}
+            add(quantity.name, example.shape[1:], dims, attrs, **encoding)
         for plan in self._plans:
             for kind in (kind for kind in self.sweep.save if kind in SUMMARIES):
                 for name in summarized(kind, plan.outcomes):
@@ -153,7 +158,7 @@ class Store:
 
     def _create(self, overwrite: bool) -> None:
         plan, system = self._plans[0], self.sweep.system
-        bodies = {body_of(each.model) for each in self._plans}
+        bodies = {body_of(plan.model) for plan in self._plans}
         varied = any(q.letter in self.sweep.shared for q in self.sweep.lanes.quantities)
         body = None if varied or len(bodies) > 1 else bodies.pop()  # axes and units of the body of all lanes
         if "body" in self.sweep.description:
@@ -207,8 +212,8 @@ def _templates(sweep: Sweep) -> Iterator[Plan]:
     free = [size if choice is None else 1 for size, choice in zip(sizes, choices, strict=True)]
     count = math.prod(free)
     tried = np.unravel_index(np.unique(np.linspace(0, count - 1, min(count, TEMPLATES)).astype(int)), free)
-    for each in itertools.product(*([0] if choice is None else choice for choice in choices)):
-        combination = np.ravel_multi_index(tuple(place + at for place, at in zip(tried, each, strict=True)), sizes)
+    for places in itertools.product(*([0] if choice is None else choice for choice in choices)):
+        combination = np.ravel_multi_index(tuple(place + at for place, at in zip(tried, places, strict=True)), sizes)
         last: Exception | None = None
         for lane in combination.tolist():
             try:
@@ -231,18 +236,18 @@ def _templates(sweep: Sweep) -> Iterator[Plan]:
 
 def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
     """Lanes in a block: as requested, or as many as memory and running time allow, for any number of workers."""
-    spec, each = sweep.description["sweep"], 0
+    spec, bytes_per_lane = sweep.description["sweep"], 0
     for plan in plans:  # bytes that a lane holds at once
         sizes = {name: v[0, 0].size for name, v in plan.example.items()}
         states = sum(size for name, size in sizes.items() if plan.outcomes[name].kind in STATES)
         rows = 3 * plan.rows * (TRAJECTORIES in sweep.save)
         held = (40 + rows) * sum(sizes.values())  # a row, its outputs, temporary arrays for them, the summaries
         held += plan.rows * states * ("frequencies" in sweep.save)
-        each = max(each, 8 * int(held + MESSAGE_BYTES // 4))
-    fitting, asked = (spec["memory"] << 20) // each, spec.get("block")
+        bytes_per_lane = max(bytes_per_lane, 8 * int(held + MESSAGE_BYTES // 4))
+    fitting, asked = (spec["memory"] << 20) // bytes_per_lane, spec.get("block")
     if fitting < (asked or 1):
         raise InputError(
-            f"{asked or 1} lanes need about {each * (asked or 1) / 2**20:.0f} MiB at once, more than "
+            f"{asked or 1} lanes need about {bytes_per_lane * (asked or 1) / 2**20:.0f} MiB at once, more than "
             f"memory = {spec['memory']} in [sweep]. Save less often "
             "(every), save no trajectories or frequencies, or allow more memory."
         )
@@ -270,17 +275,17 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
     return out
 
 
-def compute(part: str, source: Path | System | None, digest: str, block: int) -> dict[str, Any]:
+def compute(folder: str, source: Path | System | None, digest: str, block: int) -> dict[str, Any]:
     """Compute a block and write it.  Returns its lanes and memory.  Raises `RunError` if the store cannot be written.
 
     `digest` is the hash of the description: a worker keeps the sweep that it has read.
     """
     import psutil
 
-    store = Path(part)
+    store = Path(folder)
     with on_disk(store, "be written", lambda: f" {LOST}"):
         archive.require_there(store)
-        sweep, group, width = _opened_sweep(part, source, digest)
+        sweep, group, width = _opened_sweep(folder, source, digest)
         first, stop = block * width, min((block + 1) * width, sweep.lanes.total)
         lane_axis = {name: a.metadata.dimension_names.index("lane") for name, a in group.items()}
         out = results_of(sweep, group, lane_axis, first, stop)
@@ -292,12 +297,12 @@ def results_of(
     sweep: Sweep, arrays: Mapping[str, Any], lane_axis: Mapping[str, int], first: int, stop: int
 ) -> dict[str, Array]:
     """Every variable of lanes first to stop - 1, in the form of `arrays`, whose axes of lanes are given."""
-    known = {
+    layouts = {
         name: (tuple(stop - first if i == lane_axis[name] else k for i, k in enumerate(array.shape)), lane_axis[name])
         for name, array in arrays.items()
         if array.attrs.get("kind") != "input" and name not in ("failed", "message")
     }
-    out, faults = sweep.results(first, stop, known)
+    out, faults = sweep.results(first, stop, layouts)
     for quantity, value in sweep.lanes.inputs(first, stop).items():
         if value.dtype.kind == "U":  # words as their indices
             words = arrays[quantity.name].attrs["flag_meanings"].split()
@@ -314,22 +319,22 @@ Opened = tuple[Sweep, dict[str, Any], int]
 _opened: dict[tuple[str, str], Opened] = {}  # the sweep whose blocks this process computes
 
 
-def _opened_sweep(part: str, source: Path | System | None, digest: str) -> Opened:
+def _opened_sweep(folder: str, source: Path | System | None, digest: str) -> Opened:
     """The sweep of a store, its arrays of lanes, and the number of lanes in a block.
 
     A worker gets a copy of a user-defined system with each block, and uses the first one.
     """
-    opened = _opened.get((part, digest)) or _newly_opened(part, source, digest)
+    opened = _opened.get((folder, digest)) or _newly_opened(folder, source, digest)
     _opened.clear()
-    _opened[part, digest] = opened
+    _opened[folder, digest] = opened
     return opened
 
 
-def _newly_opened(part: str, source: Path | System | None, digest: str) -> Opened:
-    record = SweepRecord.of_store(Path(part))
+def _newly_opened(folder: str, source: Path | System | None, digest: str) -> Opened:
+    record = SweepRecord.of_store(Path(folder))
     if hashlib.sha256(record.sweep.encode()).hexdigest() != digest:
-        raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
-    result = archive.opened_arrays(Path(part))
+        raise RunError(f"{folder} is no longer the store of this sweep: another one was written there.")
+    result = archive.opened_arrays(Path(folder))
     arrays = {name: array for name, array in result.items() if "lane" in (array.metadata.dimension_names or ())}
     return Sweep(record.description, source), arrays, record.block_lanes
 

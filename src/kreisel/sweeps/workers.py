@@ -73,7 +73,7 @@ class Here:
             except KeyboardInterrupt:  # on the way out of `with`
                 if stop is None or stop.signal is None:
                     raise
-            yield from ((place, each) for each in result)
+            yield from ((place, value) for value in result)
 
 
 class Pool:
@@ -161,10 +161,10 @@ class Pool:
 
 
 def computed(
-    hands: Here | Pool, part: str, source: Path | System | None, digest: str, todo: Sequence[int], stop: Stop
+    hands: Here | Pool, folder: str, source: Path | System | None, digest: str, todo: Sequence[int], stop: Stop
 ) -> Iterator[dict[str, Any]]:
     """The counts of blocks as they are computed, see `kreisel.sweeps.store.compute`."""
-    for _, counts in hands.map(partial(compute, part, source, digest), todo, stop, "Block"):
+    for _, counts in hands.map(partial(compute, folder, source, digest), todo, stop, "Block"):
         yield counts
 
 
@@ -235,9 +235,9 @@ def _processes(count: int) -> Iterator[Any]:
                     psutil.Process(process).kill()
 
 
-def _closed(what: Any) -> bool:
+def _closed(resource: Any) -> bool:
     try:
-        what.close(timeout=CLOSING)
+        resource.close(timeout=CLOSING)
     except TimeoutError:
         return False
     return True

@@ -283,7 +283,7 @@ def _obj(raw: bytes) -> tuple[Array, Array]:
             points.append([x, y, z])
         elif word == "f":
             corners = []
-            for number in (int(each.split("/")[0]) for each in entries):  # from 1 on, or negative, from the end
+            for number in (int(corner.split("/")[0]) for corner in entries):  # from 1 on, or negative, from the end
                 if not 0 < abs(number) <= len(points):
                     raise ValueError(f"a face names the point {number} of {len(points)}")
                 corners.append(number - 1 if number > 0 else len(points) + number)

@@ -80,8 +80,8 @@ def plot_return_map(returns: xr.Dataset, *, theme: str = "light") -> Figure:
     """The return map: the quantity at a crossing, and at the next crossing."""
     with figure(theme, 4.6, 4.4) as (picture, colours):
         axes = picture.subplots()
-        both = np.concatenate([returns["here"].values, returns["after"].values])
-        ends = [both.min(initial=np.inf), both.max(initial=-np.inf)] if both.size else [0, 1]
+        values = np.concatenate([returns["here"].values, returns["after"].values])
+        ends = [values.min(initial=np.inf), values.max(initial=-np.inf)] if values.size else [0, 1]
         axes.plot(ends, ends, color=colours.faint, linewidth=0.8, label="fixed points")
         axes.plot(returns["here"], returns["after"], ".", color=colours.colours[0], markersize=2.5)
         seen, count = returns.attrs["seen"], returns.attrs["returns"]

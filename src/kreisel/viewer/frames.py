@@ -161,9 +161,9 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
     if split == 1:  # the largest divisor up to `most`, unless it is much smaller
         divisor = next(d for d in range(min(most, record.every), 0, -1) if record.every % d == 0)
         every = divisor if 3 * divisor >= most else most
-    each = every * step
+    spacing = every * step
     gaps = np.diff(time)
-    wanted = np.ceil(np.minimum(gaps / each, MOST_WANTED) - 1e-6).astype(int)
+    wanted = np.ceil(np.minimum(gaps / spacing, MOST_WANTED) - 1e-6).astype(int)
     budget = COMPUTED // lanes
     starts = np.arange(len(gaps)) if wanted.sum() <= budget else evenly(len(gaps), WINDOWS)
     length = int(min(wanted[starts].max(), max(2, budget // len(starts))))
@@ -174,7 +174,7 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
     pieces, worst = [], 0.0
     for number, row in enumerate(starts.tolist()):
         inside = min(length, int(wanted[row]) - 1)
-        if length >= wanted[row] and abs(gaps[row] / each - wanted[row]) < 1e-6:
+        if length >= wanted[row] and abs(gaps[row] / spacing - wanted[row]) < 1e-6:
             for letter in record.kinds:  # relative to the size of the state
                 saved = np.asarray(shown[letter].values[row + 1])
                 replayed = states[letter][int(wanted[row]), number].reshape(saved.shape)
@@ -182,10 +182,10 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
         if inside > 0:
             piece = {k: v[1 : inside + 1, number] for k, v in states.items()}
             data = {k: (shown[k].dims, v.reshape(-1, *shown[k].shape[1:])) for k, v in piece.items()}
-            pieces.append(xr.Dataset(data, {"time": time[row] + each * np.arange(1, inside + 1)}))
+            pieces.append(xr.Dataset(data, {"time": time[row] + spacing * np.arange(1, inside + 1)}))
     if split > 1 and worst > ROUGH:
-        more = f"the body rotates by up to {record.dt * rate:.2g} rad in a step, and shorter steps lead elsewhere"
-        return shown, "; ".join(filter(None, (note, more)))
+        reason = f"the body rotates by up to {record.dt * rate:.2g} rad in a step, and shorter steps lead elsewhere"
+        return shown, "; ".join(filter(None, (note, reason)))
     if not pieces:
         return shown, note
     kept = shown.drop_vars([c for c in shown.coords if c not in ("time", "lane")])
@@ -271,10 +271,10 @@ def extremes(values: Array, most: int) -> Array:
     kept = {0, rows - 1}
     for start in range(0, rows, stretch * 256):  # many stretches at once with constant memory
         block = values[start : start + stretch * 256]
-        whole = len(block) // stretch * stretch
+        count = len(block) // stretch * stretch
         for piece, offset in (
-            (block[:whole].reshape(-1, stretch, columns), start),
-            (block[None, whole:], start + whole),
+            (block[:count].reshape(-1, stretch, columns), start),
+            (block[None, count:], start + count),
         ):
             if piece.size:
                 base = offset + stretch * np.arange(len(piece))[:, None]

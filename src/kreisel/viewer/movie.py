@@ -78,16 +78,16 @@ class _Film:
         c, s = np.cos(AZIMUTH), np.sin(AZIMUTH)
         up, out = np.sin(ELEVATION), np.cos(ELEVATION)
         self.camera = np.array([[-s, c, 0], [-up * c, -up * s, out], [out * c, out * s, up]])
-        self.bodies = [self._body(each) for each in data["bodies"][:1]]
+        self.bodies = [self._body(record) for record in data["bodies"][:1]]
 
-    def _body(self, each: dict[str, Any]) -> dict[str, Any]:
+    def _body(self, record: dict[str, Any]) -> dict[str, Any]:
         n = self.data["n"]
-        body: dict[str, Any] = {"axis": each["axis"], "nose": each["nose"]}
-        body["turn"] = None if each["turn"] is None else _numbers(each["turn"], "i2").reshape(-1, 4).astype(float)
-        body["tip"] = None if each["tip"] is None else _numbers(each["tip"], "f4").reshape(-1, n).astype(float)
-        body["arrows"] = [{**arrow, "to": _numbers(arrow["to"], "i2").reshape(-1, 3)} for arrow in each["arrows"]]
-        if each["mesh"] is not None:
-            mesh = self.data["meshes"][each["mesh"]]
+        body: dict[str, Any] = {"axis": record["axis"], "nose": record["nose"]}
+        body["turn"] = None if record["turn"] is None else _numbers(record["turn"], "i2").reshape(-1, 4).astype(float)
+        body["tip"] = None if record["tip"] is None else _numbers(record["tip"], "f4").reshape(-1, n).astype(float)
+        body["arrows"] = [{**arrow, "to": _numbers(arrow["to"], "i2").reshape(-1, 3)} for arrow in record["arrows"]]
+        if record["mesh"] is not None:
+            mesh = self.data["meshes"][record["mesh"]]
             faces = _numbers(mesh["faces"], "u4" if mesh["wide"] else "u2").reshape(-1, 3).astype(int)
             body["corners"] = _numbers(mesh["points"], "f4").reshape(-1, 3)[faces].astype(float)
             palette = [self.theme.colours[0], "#f3efe6", *METALS.values(), self.theme.colours[1]]
@@ -128,13 +128,13 @@ class _Film:
             end = tips[-1]
             if body["nose"] is not None:
                 end = end + self._turns(body, times[-1:])[0] @ np.array(body["nose"])
-            for each in body["arrows"]:
-                way = between(each["to"].astype(float), self._places(times[-1:]), self.joined)[0]
+            for arrow in body["arrows"]:
+                way = between(arrow["to"].astype(float), self._places(times[-1:]), self.joined)[0]
                 tip = self.camera @ (1.12 * self.radius / np.linalg.norm(way) * way)
-                colour, order = self.theme.colour(each["colour"]), 6 if tip[2] > 0 else 2
+                colour, order = self.theme.colour(arrow["colour"]), 6 if tip[2] > 0 else 2
                 style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2}
                 axes.annotate("", tip[:2], (0, 0), arrowprops=style, zorder=order)
-                axes.text(*(1.1 * tip[:2]), each["name"], color=colour, ha="center", va="center", zorder=order)
+                axes.text(*(1.1 * tip[:2]), arrow["name"], color=colour, ha="center", va="center", zorder=order)
             x, y, depth = self.camera @ end
             axes.plot([x], [y], "o", color=self.theme.colours[1], markersize=6, zorder=6 if depth > 0 else 2)
         clock = self.data["clock"]

@@ -64,13 +64,13 @@ def plot(
     the vector that is drawn, and for states at given times (`kr.at`), which are not a run.
     """
     runs = [run] if compare is None else [run, compare]
-    records = [RunRecord.of(each, "system", "title", "method", "n", "steps") for each in runs]
+    records = [RunRecord.of(dataset, "system", "title", "method", "n", "steps") for dataset in runs]
     if not all(record.stepped for record in records):
         raise InputError("A run of kr.simulate was expected, got states at given times, of kr.at.")
-    runs = [in_state_form(each) for each in runs]
+    runs = [in_state_form(dataset) for dataset in runs]
     run, first, last = runs[0], records[0], records[-1]
-    for each in runs:
-        require_unchanged(each)
+    for dataset in runs:
+        require_unchanged(dataset)
     if (last.kinds, last.n) != (first.kinds, first.n):
         raise InputError(
             f"compare: expected a run with the variables {', '.join(first.kinds)} and n = {first.n}, got "
@@ -104,7 +104,7 @@ def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
 
 
 def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
-    compared = "".join(f" and {_named(each, record)}" for each in others)
+    compared = "".join(f" and {_named(second_record, record)}" for second_record in others)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.dims else ""
     clock = clock_of(run)
     n, step = ("", f"{record.dt / clock.second:g} s") if clock.unit else (f", n = {record.n}", f"{record.dt:g}")
@@ -120,19 +120,19 @@ def _motion(panel: Any, lanes: list[tuple[str, xr.Dataset]], axis: Any, target: 
     """A strip for each quantity of the motion of a satellite; for lanes, a colour for each lane."""
     clock, alone = clock_of(lanes[0][1]), len(lanes) == 1
     lanes = [(name, lane.isel(time=evenly(lane.sizes["time"], MOST_ROWS))) for name, lane in lanes]
-    everything = [panels_of(lane, axis, target) for _, lane in lanes]
-    panels = panel.subplots(len(everything[0]), 1, sharex=True)
+    panels_of_lanes = [panels_of(lane, axis, target) for _, lane in lanes]
+    panels = panel.subplots(len(panels_of_lanes[0]), 1, sharex=True)
     for number, (name, lane) in enumerate(lanes):
         time = read_values(lane["time"]) / clock.size
-        for axes, each in zip(panels, everything[number], strict=True):
-            rows = extremes(each.values, MOST_DOTS)
-            for k, part in enumerate(each.names):
+        for axes, strip in zip(panels, panels_of_lanes[number], strict=True):
+            rows = extremes(strip.values, MOST_DOTS)
+            for k, label in enumerate(strip.names):
                 style = {"color": theme.colour(k if alone else number), "linestyle": "-" if alone else DASHES[k]}
-                axes.plot(time[rows], each.values[rows, k], linewidth=0.8, label=part if alone else name, **style)
-            axes.set_title(f"{each.title} ({each.unit})", loc="left", fontsize="medium", parse_math=False)
-            if alone and any(each.names):
+                axes.plot(time[rows], strip.values[rows, k], linewidth=0.8, label=label if alone else name, **style)
+            axes.set_title(f"{strip.title} ({strip.unit})", loc="left", fontsize="medium", parse_math=False)
+            if alone and any(strip.names):
                 axes.legend(loc="lower right", bbox_to_anchor=(1.02, 0.97), ncols=3, handlelength=1.0)
-            if each.unit == "deg" and np.ptp(axes.get_ylim()) > 150:
+            if strip.unit == "deg" and np.ptp(axes.get_ylim()) > 150:
                 axes.yaxis.set_major_locator(MultipleLocator(90))
     shadows = shadows_of(lanes[0][1]) if alone else []
     for axes in panels:
@@ -265,24 +265,24 @@ def _components(panel: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Th
     above, below = panel.subplots(2, 1, height_ratios=[1, 1.25])
     time, values = read_values(run["time"][:STATES_SHOWN]), _seen(run, letter, STATES_SHOWN)
     labels = [str(i + 1) for i in range(values.shape[1])]
-    whole = _seen(run, letter, MOST_ROWS)
+    path = _seen(run, letter, MOST_ROWS)
     if values.ndim == 3:  # a matrix, skew or symmetric
         j, k = np.triu_indices(values.shape[1], k=int(not values[:, 0, 0].any()))
         values, labels = values[:, j, k], [f"{a + 1}{b + 1}" for a, b in zip(j, k, strict=True)]
-        whole = whole[:, j, k]
+        path = path[:, j, k]
     for i, (label, series) in enumerate(zip(labels, values.T, strict=True)):
         style = {"color": theme.colour(i), "linestyle": DASHES[i // len(theme.colours) % len(DASHES)]}
         above.plot(time / clock.size, series, label=words.coordinate(label), **style)
     title = f"components of {words.name}{f' of {name}' if name else ''}, first {len(time)} saved states"
     above.set(xlabel=clock.label, title=title)
     above.legend(ncols=min(values.shape[1], 6), loc="upper left", bbox_to_anchor=(0, -0.3), handlelength=1.4)
-    i, *second = sorted(np.argsort(-np.ptp(whole, axis=0), kind="stable")[:2].tolist())
+    i, *second = sorted(np.argsort(-np.ptp(path, axis=0), kind="stable")[:2].tolist())
     j = second[0] if second else i
-    dots = whole[mixed(whole, MOST_DOTS)]
+    dots = path[mixed(path, MOST_DOTS)]
     below.plot(dots[:, i], dots[:, j], ".", color=theme.colours[0], markersize=1.2, markeredgewidth=0)
     start = {"color": theme.ink, "markerfacecolor": theme.colours[1], "markersize": 4, "label": "start"}
-    below.plot(whole[:1, i], whole[:1, j], "o", **start)
-    title = f"saved states to {clock.text(float(read_values(run['time'][: len(whole)])[-1]))}"
+    below.plot(path[:1, i], path[:1, j], "o", **start)
+    title = f"saved states to {clock.text(float(read_values(run['time'][: len(path)])[-1]))}"
     below.set(xlabel=words.coordinate(labels[i]), ylabel=words.coordinate(labels[j]), title=title)
     below.set_aspect("equal", "datalim")
     below.legend(loc="upper right")
@@ -292,12 +292,15 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], theme: Theme) -> None:
     """A strip for each family of integrals, all with one scale."""
     run, record = runs[0], RunRecord.from_attrs(runs[0].attrs)
     reference = record.method == "dop853"
-    everything = _envelopes(run, everything=reference)
-    of_balance = not everything and BALANCE in run
-    everything |= _envelopes(run, everything=True, only=BALANCE) if of_balance else {}
-    still = [family for family, change in everything.items() if not np.nanmax(change, initial=0.0) > 0]
-    families = {k: v for k, v in everything.items() if k not in still} or {"": np.full(len(_thinned_time(run)), np.nan)}
-    others = [(each, _named(RunRecord.from_attrs(each.attrs), record), _envelopes(each, True)) for each in runs[1:]]
+    changes = _envelopes(run, with_unconserved=reference)
+    of_balance = not changes and BALANCE in run
+    changes |= _envelopes(run, with_unconserved=True, only=BALANCE) if of_balance else {}
+    still = [family for family, change in changes.items() if not np.nanmax(change, initial=0.0) > 0]
+    families = {k: v for k, v in changes.items() if k not in still} or {"": np.full(len(_thinned_time(run)), np.nan)}
+    others = [
+        (second_run, _named(RunRecord.from_attrs(second_run.attrs), record), _envelopes(second_run, True))
+        for second_run in runs[1:]
+    ]
     columns = 1 + (len(families) > 7)
     rows = -(-len(families) // columns)
     panels = panel.subplots(rows, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw={"hspace": 0.06}).T
@@ -334,12 +337,12 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], theme: Theme) -> None:
         panel.text(0.99, 0.005, f"no change at all: {', '.join(still)}", **style)
 
 
-def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, np.ndarray]:
+def _envelopes(run: xr.Dataset, with_unconserved: bool, only: str = "") -> dict[str, np.ndarray]:
     """The largest |change| of each family of integrals, thinned, relative to the integral's scale."""
     edges = stretches(run.sizes["time"], STRETCHES)
     out: dict[str, np.ndarray] = {}
     for series in all_series(run):
-        if (series.conserved or everything) and only in ("", series.family):
+        if (series.conserved or with_unconserved) and only in ("", series.family):
             scale = series.step_scale + series.value_scale
             change = np.maximum.reduceat(abs(series.values - series.values[0]), edges) / (scale or 1.0)
             out[series.family] = np.maximum(out[series.family], change) if series.family in out else change

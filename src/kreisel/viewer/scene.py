@@ -275,9 +275,9 @@ def scene(
     shown_frames = frames(chosen, record, model if model is None or pairs_of(model) is None else None)
     every, joined = shown_frames.run, bool(shown_frames.joined.all())
     alone = [every.isel(lane=i) for i in range(len(lanes))] if "lane" in every.dims else [every]
-    bodies = [Shown(each, record, joined, body, axis, target) for each in alone]
-    first, radius = bodies[0], max(each.radius for each in bodies)
-    if not all(np.isfinite(each.tip).all() for each in bodies):
+    bodies = [Shown(trajectory, record, joined, body, axis, target) for trajectory in alone]
+    first, radius = bodies[0], max(shown.radius for shown in bodies)
+    if not all(np.isfinite(shown.tip).all() for shown in bodies):
         raise InputError(f"{record.carried} is not finite at every saved time; `kreisel check` reports where.")
     time = np.asarray(shown_frames.run["time"].values, dtype=np.float64)
     rate = shown_frames.rate if shown_frames.rate > 0 else 2 * math.pi / (float(time[-1] - time[0]) or 1.0)
@@ -297,9 +297,9 @@ def scene(
         "up": first.up,
         "spins": first.turn is not None and not first.callout,
         "frame": None if first.frame is None else first.frame.T.tolist(),
-        "lowest": min(float(each.tip[:, 2].min()) for each in bodies) if first.tip.shape[1] == 3 else -radius,
+        "lowest": min(float(shown.tip[:, 2].min()) for shown in bodies) if first.tip.shape[1] == 3 else -radius,
         "meshes": meshes,
-        "bodies": [_packed_body(each, name, place) for each, name, place in zip(bodies, lanes, places, strict=True)],
+        "bodies": [_packed_body(shown, name, place) for shown, name, place in zip(bodies, lanes, places, strict=True)],
         "globe": _globe(first),
         "charts": _charts(chosen, axis, target),
         "clock": {"label": clock.label, "unit": clock.unit, "size": clock.size},
@@ -307,7 +307,7 @@ def scene(
         "windows": windows(shown_frames.joined),
         "pace": STEADY / rate,
         "trail": TURNS * 2 * math.pi / rate,
-        "path": packed(mixed(np.concatenate([each.tip for each in bodies], 1), MOST_PATH // len(bodies)), "i4"),
+        "path": packed(mixed(np.concatenate([shown.tip for shown in bodies], 1), MOST_PATH // len(bodies)), "i4"),
         **_drift_series(_lanes(measured, lane)[0]),
         "events": _events(chosen, record),
         "section": None if section is None else _section(section, lanes),
@@ -324,7 +324,7 @@ def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
         return run, [""]
     count, several = run.sizes["lane"], isinstance(lane, Sequence | np.ndarray) and not isinstance(lane, str)
     asked = evenly(count, MOST_LANES).tolist() if lane is None else lane if several else [lane]
-    chosen = [within(each, "lane", 0, count - 1) for each in asked]
+    chosen = [within(number, "lane", 0, count - 1) for number in asked]
     if not 1 <= len(chosen) <= MOST_LANES or len(set(chosen)) < len(chosen):
         raise InputError(f"lane: expected one lane, or up to {MOST_LANES} different ones, got {shown(lane)}.")
     names = lane_names(run)
@@ -335,7 +335,7 @@ def _meshes(bodies: list[Shown]) -> tuple[list[dict[str, Any]], list[int | None]
     """The different bodies, as base64, and the index of the body of each lane."""
     meshes: list[dict[str, Any]] = []
     places: list[int | None] = []
-    for body in (each.body for each in bodies):
+    for body in (drawn.body for drawn in bodies):
         mesh: dict[str, Any] | None = None
         if body is not None:
             wide = len(body.points) > 65_535
@@ -346,20 +346,20 @@ def _meshes(bodies: list[Shown]) -> tuple[list[dict[str, Any]], list[int | None]
     return meshes, places
 
 
-def _packed_body(each: Shown, name: str, mesh: int | None) -> dict[str, Any]:
+def _packed_body(shown: Shown, name: str, mesh: int | None) -> dict[str, Any]:
     """Rotations as integers in units of 1/32767, far below a pixel; the tip only if no rotation gives it."""
-    vectors = {"axis": each.axis, "nose": each.nose, "triad": each.triad}
+    vectors = {"axis": shown.axis, "nose": shown.nose, "triad": shown.triad}
     return {
         "name": _text(name),
         "mesh": mesh,
-        "turn": None if each.turn is None else packed(np.round(SHORT * continued(each.turn)), "i2"),
-        "tip": None if each.axis is not None else packed(each.tip, "f4"),
+        "turn": None if shown.turn is None else packed(np.round(SHORT * continued(shown.turn)), "i2"),
+        "tip": None if shown.axis is not None else packed(shown.tip, "f4"),
         **{k: None if v is None else v.tolist() for k, v in vectors.items()},
         "arrows": [
             {"name": "Sun" if k == "sun" else k, "colour": ARROWS[k], "to": packed(np.round(SHORT * v), "i2")}
-            for k, v in each.arrows.items()
+            for k, v in shown.arrows.items()
         ],
-        "place": None if each.around is None else packed(each.around["position"] / _reach(each.around), "f4"),
+        "place": None if shown.around is None else packed(shown.around["position"] / _reach(shown.around), "f4"),
     }
 
 
@@ -387,11 +387,11 @@ def _charts(run: xr.Dataset, axis: Any, target: Any) -> dict[str, Any] | None:
     panels = panels_of(run, axis, target)
     if "lane" in run.dims:
         panels = [panels[0]._replace(names=tuple(_lanes(run, None)[1]), values=panels[0].values[..., 0])]
-    rows = extremes(np.concatenate([each.values for each in panels], -1), 2 * MOST_STRETCHES)
+    rows = extremes(np.concatenate([panel.values for panel in panels], -1), 2 * MOST_STRETCHES)
     return {
         "time": packed(np.asarray(run["time"].values, dtype=np.float64)[rows], "f8"),
         "shadows": shadows_of(run)[:MOST_EVENTS],
-        "panels": [each._asdict() | {"values": [packed(v, "f4") for v in each.values[rows].T]} for each in panels],
+        "panels": [panel._asdict() | {"values": [packed(v, "f4") for v in panel.values[rows].T]} for panel in panels],
     }
 
 
@@ -426,7 +426,7 @@ def _section(section: xr.Dataset, lanes: list[str]) -> dict[str, Any]:
         "names": [_text(name) for name in names],
         "points": packed(table, "f4"),
         "time": packed(np.asarray(section["time"].values, dtype=np.float64)[:MOST_POINTS], "f8"),
-        "lane": packed(np.array([order[each] for each in lane.tolist()][:MOST_POINTS]) % 256, "u1"),
+        "lane": packed(np.array([order[name] for name in lane.tolist()][:MOST_POINTS]) % 256, "u1"),
     }
 
 
@@ -459,12 +459,20 @@ def _drift_series(run: xr.Dataset) -> dict[str, Any]:
     time = np.asarray(run["time"].values, dtype=np.float64) / unit_of(run, "time")
     series = []
     units = {str(k): u for k, v in run.variables.items() if (u := v.attrs.get("units", "1")) != "1"}
-    for each in itertools.islice(all_series(run), MOST_SERIES):
-        change = each.values - each.values[0]
+    for quantity in itertools.islice(all_series(run), MOST_SERIES):
+        change = quantity.values - quantity.values[0]
         high, low = np.maximum.reduceat(change, edges), np.minimum.reduceat(change, edges)
-        scale = each.step_scale + each.value_scale or 1.0
-        words = {"name": _text(each.name), "unit": _text(units.get(each.family, "")), "conserved": each.conserved}
-        sizes = {"start": each.values[0], "scale": scale if math.isfinite(scale) else 1.0, "most": abs(change).max()}
+        scale = quantity.step_scale + quantity.value_scale or 1.0
+        words = {
+            "name": _text(quantity.name),
+            "unit": _text(units.get(quantity.family, "")),
+            "conserved": quantity.conserved,
+        }
+        sizes = {
+            "start": quantity.values[0],
+            "scale": scale if math.isfinite(scale) else 1.0,
+            "most": abs(change).max(),
+        }
         sizes = {k: float(v) if math.isfinite(v) else None for k, v in sizes.items()}
         series.append({**words, **sizes, "change": packed(np.where(high >= -low, high, low), "f4")})
     record = RunRecord.from_attrs(run.attrs)

@@ -36,8 +36,8 @@ class Source:
     """The scene of an archive, computed again when the archive has changed."""
 
     def __init__(self, path: Path, lane: Any = None):
-        whole = path.with_suffix("") if path.suffix == ".part" else path
-        self._whole, self._part, self._lane = whole, whole.with_name(whole.name + ".part"), lane
+        complete = path.with_suffix("") if path.suffix == ".part" else path
+        self._whole, self._part, self._lane = complete, complete.with_name(complete.name + ".part"), lane
         self._lock = threading.Lock()
         self._seen: Any = ()
         self._scene: dict[str, Any] = {}

@@ -176,10 +176,10 @@ def clebsch_two_maps(s: Setting, M: Skew, P: Vector, J: Diagonal, e: Eps) -> Sid
     def earlier(M: Array, P: Array) -> Array:
         return clebsch_body.SYSTEM.integrals["spectrum"](M, P, J=J)
 
-    def here(M: Array, P: Array) -> Array:
+    def deformed(M: Array, P: Array) -> Array:
         return clebsch.spectrum(M, P, eps=e, **body)
 
-    ranks = [calculus.rank_on_leaf(CLEBSCH, (M, P), chosen) for chosen in ([earlier], [here], [earlier, here])]
+    ranks = [calculus.rank_on_leaf(CLEBSCH, (M, P), chosen) for chosen in ([earlier], [deformed], [earlier, deformed])]
     yield ranks, calculus.HALF_LEAF[s.n] * np.array([1, 1, 2])
 
 
@@ -190,14 +190,14 @@ class Step:
     """A step of the map and the matrices of the proof, P = P_k, |P| = 1 unless `unit` is False."""
 
     def __init__(self, s: Setting, unit: bool = True):
-        self.e, self.b, self.one = s.eps, s.diagonal(), identity(s.n)
+        self.e, self.b, self.identity = s.eps, s.diagonal(), identity(s.n)
         self.M, self.P = s.skew(), s.unit() if unit else s.vector()
         self.M1, P1 = clebsch.MAP.step(self.M, self.P, b=self.b, eps=self.e)
-        self.dM, S = self.M1 - self.M, self.one + self.e**2 / 4 * diagonal(self.b)
+        self.dM, S = self.M1 - self.M, self.identity + self.e**2 / 4 * diagonal(self.b)
         den = clebsch.denominator(self.P, b=self.b, eps=self.e)
         self.Q, self.R = outer(self.P) @ S / den, S @ outer(self.P) / den
         self.script, self.script1 = (
-            (self.one + self.e / 2 * M) @ outer(P) @ (self.one - self.e / 2 * M)  # (dClebsch spec P)
+            (self.identity + self.e / 2 * M) @ outer(P) @ (self.identity - self.e / 2 * M)  # (dClebsch spec P)
             for M, P in ((self.M, self.P), (self.M1, P1))
         )
 
@@ -210,7 +210,10 @@ def aux1(k: Proof, lam: Lam) -> Sides:
     """(I - eps/(2 lambda) R)(lambda B + M_(k+1) + P_(k+1)/lambda)(I + eps/(2 lambda) Q) = the same with signs turned, M_k, P_k; |P| = 1"""
     B, turn = lam * diagonal(k.b), k.e / (2 * lam)
     new, old = B + k.M1 + k.script1 / lam, B + k.M + k.script / lam
-    yield (k.one - turn * k.R) @ new @ (k.one + turn * k.Q), (k.one + turn * k.R) @ old @ (k.one - turn * k.Q)
+    yield (
+        (k.identity - turn * k.R) @ new @ (k.identity + turn * k.Q),
+        (k.identity + turn * k.R) @ old @ (k.identity - turn * k.Q),
+    )
 
 
 @stated("clebsch-aux3", "Section 7, (dClebsch spec aux3)")
@@ -252,21 +255,21 @@ def aux6(s: Setting, k: Proof, e: Eps, lam: Lam, order: int = 3) -> Sides:
 def aux8(s: Setting, unit: bool = True) -> Sides:
     """Q_k = P P^T (I + eps/4 dM), R_k = (I - eps/4 dM) P P^T, Q_k^2 = Q_k; |P| = 1 (E10)"""
     k = Step(s, unit)
-    yield k.Q, outer(k.P) @ (k.one + k.e / 4 * k.dM)
-    yield k.R, (k.one - k.e / 4 * k.dM) @ outer(k.P)
+    yield k.Q, outer(k.P) @ (k.identity + k.e / 4 * k.dM)
+    yield k.R, (k.identity - k.e / 4 * k.dM) @ outer(k.P)
     yield k.Q @ k.Q, k.Q
 
 
 @stated("clebsch-aux9", "Section 7, (dClebsch spec aux9)")
 def aux9(k: Proof) -> Sides:
     """P_(k+1) = (I - eps/2 M_(k+1)) P_k P_k^T (I + eps/2 M_(k+1)), script P on the left"""
-    yield k.script1, (k.one - k.e / 2 * k.M1) @ outer(k.P) @ (k.one + k.e / 2 * k.M1)
+    yield k.script1, (k.identity - k.e / 2 * k.M1) @ outer(k.P) @ (k.identity + k.e / 2 * k.M1)
 
 
 @stated("clebsch-last-display", "Section 7, last display of the proof", printed={"factor": 1})
 def last_display(k: Proof, factor: int = 2) -> Sides:
     """(P_(k+1) + P_k) Q_k = R_k (P_(k+1) + P_k) = 2 (I - eps/4 dM) P P^T (I + eps/4 dM) (E3: the 2)"""
-    right = factor * (k.one - k.e / 4 * k.dM) @ outer(k.P) @ (k.one + k.e / 4 * k.dM)
+    right = factor * (k.identity - k.e / 4 * k.dM) @ outer(k.P) @ (k.identity + k.e / 4 * k.dM)
     yield (k.script1 + k.script) @ k.Q, right
     yield k.R @ (k.script1 + k.script), right
 

@@ -139,8 +139,8 @@ def field_reductions(s: Setting, b: Diagonal) -> Sides:
         M, F, wide = M - M.T, F + F.T, np.repeat(b, len(units[0]))
         for X in field.MAP.step(M, F, b=wide, eps=s.eps):
             for unit in others:
-                one = np.kron(identity(s.n), unit)
-                yield X @ one, one @ X
+                matrix = np.kron(identity(s.n), unit)
+                yield X @ matrix, matrix @ X
     constants = {"b": wide, "B": np.diag(wide), "eps": s.eps}  # of the complex ones
     slopes = [
         jacobian(lambda *z, f=f: call(f, z, constants), (M, F), FIELD_SPACE.kinds, len(M))[1].reshape(
@@ -208,20 +208,20 @@ def komarov_curve(s: Setting, M: Skew, P: Vector, nu: Lam, mu: Scalar) -> Sides:
     kappa, beta, c, gamma = (s.scalar() for _ in range(4))
     x = algebra.axial(M)
     u, v, C, D = nu * nu, mu * mu, dot(P, P) - kappa * dot(x, x), dot(x, P)
-    t, own = beta * beta, {"beta": beta, "c": c, "gamma": gamma}
-    w, H, K = kappa * t, komarov.energy(M, P, **own), komarov.komarov(M, P, kappa=kappa, **own)
+    t, constants = beta * beta, {"beta": beta, "c": c, "gamma": gamma}
+    w, H, K = kappa * t, komarov.energy(M, P, **constants), komarov.komarov(M, P, kappa=kappa, **constants)
     curve = (u - v) * (u - v) * (u - w * v) - 2 * H * u * u + K * u + (t * D * D - c * c * C) * v - c * c * D * D
     curve = curve + (2 * H - t * C - kappa * c * c + gamma * gamma * (1 - w)) * u * v + (t * C + kappa * c * c) * v * v
-    pencil = nu * PENCIL + komarov.skew_of(M, P, **own) - mu * np.diag([1 + 0 * u] * 5 + [-kappa, -t])
+    pencil = nu * PENCIL + komarov.skew_of(M, P, **constants) - mu * np.diag([1 + 0 * u] * 5 + [-kappa, -t])
     yield determinant(pencil), mu * curve
 
 
 @stated("komarov-square", FAMILY, dimensions=(3,))
 def komarov_square(M: Skew, P: Vector, kappa: Scalar, beta: Scalar, c: Scalar) -> Sides:
     """gamma = 0: (H + (kappa c^2 + beta^2 C)/2)^2 + (1 - w)(c^2 C - beta^2 D^2 - K) is Kovalevskaya's integral |(1 - w) z^2 - beta^2 y^2 - 2 k y - kappa k^2|^2/4, z = M_1 + i M_2, y = P_1 + i P_2, k = c + i beta M_3"""
-    x, own = algebra.axial(M), {"beta": beta, "c": c, "gamma": 0 * c}
+    x, constants = algebra.axial(M), {"beta": beta, "c": c, "gamma": 0 * c}
     C, D, t, e = dot(P, P) - kappa * dot(x, x), dot(x, P), beta * beta, kappa * c * c
-    w, H, K = kappa * t, komarov.energy(M, P, **own), komarov.komarov(M, P, kappa=kappa, **own)
+    w, H, K = kappa * t, komarov.energy(M, P, **constants), komarov.komarov(M, P, kappa=kappa, **constants)
     z, y, k = Complex(x[0], x[1]), Complex(P[0], P[1]), Complex(c, beta * x[2])
     root = (1 - w) * (z * z) - t * (y * y) - 2 * (k * y) - kappa * (k * k)
     shifted = H + (e + t * C) / 2

@@ -206,12 +206,12 @@ def record_kirchhoff(M: Skew, P: Vector, a: Diagonal, b: Vector, lam: Lam) -> Si
     c = (b[:, None] - b + unit) / (a[:, None] - a + unit)
     Omega, H = c * M, _pairs(c * M, M) / 2 - (b * P * P).sum() / 2
     rates = M @ Omega - Omega @ M + _wedge(P, b * P), -(Omega @ P)
-    own = {"b": b, "c": clebsch_general.quotients(a=a, b=b)["c"]}
-    for record, constants in ((kirchhoff, {"C": c, "B": diagonal(b)}), (clebsch_general, own)):
+    general = {"b": b, "c": clebsch_general.quotients(a=a, b=b)["c"]}
+    for record, constants in ((kirchhoff, {"C": c, "B": diagonal(b)}), (clebsch_general, general)):
         yield from zip(record.flow(M, P, **constants), rates, strict=True)
         yield record.energy(M, P, **constants), H
     pair = lam * diagonal(a) + M + outer(P) / lam, lam * diagonal(b) + Omega
-    yield from zip(clebsch_general.lax(M, P, a=a, lam=lam, **own), pair, strict=True)
+    yield from zip(clebsch_general.lax(M, P, a=a, lam=lam, **general), pair, strict=True)
 
 
 @stated("record-clebsch", "Section 7: (Clebsch spec), its H, L and U+; (dClebsch spec), L_k, V_k")
@@ -234,12 +234,12 @@ def record_clebsch(M: Skew, P: Unit, b: Diagonal, e: Eps, lam: Lam) -> Sides:
 @stated("record-clebsch-energy", "Section 7, Theorem 7.1, det(L_k(lambda) - mu)")
 def record_clebsch_energy(s: Setting, M: Skew, P: Unit, b: Diagonal, e: Eps) -> Sides:
     """the deformed energy of the record is -(1/2) sum b_i F_i with det(L_k(lambda) - lambda nu) = lambda^n det(S^-1 D) (1 + sum F_i/D_i/lambda^2 + ...), D = B - nu S, S = I + (eps^2/4) B, |P| = 1"""
-    S, one, unit = 1 + e * e / 4 * b, identity(s.n), 1 + 0 * e
-    script, t = (one + e / 2 * M) @ outer(P) @ (one - e / 2 * M), generator(0, unit) + generator(1, unit)  # 1/lambda
+    S, eye, unit = 1 + e * e / 4 * b, identity(s.n), 1 + 0 * e
+    script, t = (eye + e / 2 * M) @ outer(P) @ (eye - e / 2 * M), generator(0, unit) + generator(1, unit)  # 1/lambda
     rows, values = [], []
     for k in range(s.n):
         nu = s.lam + k
-        X = (diagonal(b) + M * t + script * (t * t)) / S[:, None] - nu * one
+        X = (diagonal(b) + M * t + script * (t * t)) / S[:, None] - nu * eye
         rows.append(1 / (b - nu * S))
         values.append((-1) ** s.n * series(characteristic(X)[-1])[2] * np.prod(S) * np.prod(rows[-1]))
     F = solve(np.array(rows), np.array(values)[:, None])[:, 0]
@@ -263,12 +263,12 @@ def record_spectra(s: Setting, m: Skew, a: Unit, p: Vector, d: Diagonal, mu: Sca
         ):
             nu, S = lam - kappa * mu, 1 + kappa * d
             L = (lam * diagonal(d) + m + outer(Q) / lam) / S[:, None]
-            whole = lam * np.prod(S) * np.polyval(characteristic(L), mu) - lam * np.prod(mu - nu * d)
+            value = lam * np.prod(S) * np.polyval(characteristic(L), mu) - lam * np.prod(mu - nu * d)
             places = [(k, i) for k in range(1, s.n + 1) for i in range(k - 1, -1, -2)]
-            yield whole, sum(v * mu ** (s.n - k) * nu**i for v, (k, i) in zip(spectrum, places, strict=True))
+            yield value, sum(v * mu ** (s.n - k) * nu**i for v, (k, i) in zip(spectrum, places, strict=True))
 
 
-def _bordered(m: Array, b: Array, p: Array, lam: Any, spectrum: Array, whole: bool) -> Sides:
+def _bordered(m: Array, b: Array, p: Array, lam: Any, spectrum: Array, with_casimirs: bool) -> Sides:
     """Coefficients of mu^(n-1-k): -lambda^2 x + y - z/lambda^2, of which some records leave out the Casimirs z."""
     terms, at = iter(spectrum), (lam, lam + 1)
     polynomials = [characteristic(_block(m, v * b - p / v)) for v in at]
@@ -276,7 +276,7 @@ def _bordered(m: Array, b: Array, p: Array, lam: Any, spectrum: Array, whole: bo
         x, y = next(terms), next(terms)
         f, g = (v * v * c[k + 2] for v, c in zip(at, polynomials, strict=True))
         yield f - g, -(at[0] ** 4 - at[1] ** 4) * x + (at[0] ** 2 - at[1] ** 2) * y
-        if whole and k:
+        if with_casimirs and k:
             yield f, -(lam**4) * x + lam**2 * y - next(terms)
 
 

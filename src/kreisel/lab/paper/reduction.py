@@ -38,13 +38,13 @@ class Action:
         self.units = [E[i, j] - E[j, i] if self.orthogonal else E[i, j] for i, j in self.places]
         symmetric = [E[i, j] | E[j, i] for i in range(s.n) for j in range(i, s.n)]
         self.axes = list(identity(s.n)) if self.orthogonal else symmetric
-        self.one, self.t = identity(s.n) + 0 * s.draw((s.n, s.n)), generator(0, 1 + 0 * s.scalar())
+        self.identity, self.t = identity(s.n) + 0 * s.draw((s.n, s.n)), generator(0, 1 + 0 * s.scalar())
 
     def element(self) -> Array:
         return sum(self.s.scalar() * E for E in self.units)
 
     def member(self) -> Array:
-        return self.s.rotation() if self.orthogonal else 3 * self.one + self.element() / 2
+        return self.s.rotation() if self.orthogonal else 3 * self.identity + self.element() / 2
 
     def vector(self) -> Array:
         return sum(self.s.scalar() * axis for axis in self.axes)
@@ -61,7 +61,7 @@ class Action:
         return function
 
     def inverse(self, g: Array) -> Array:
-        return g.T if self.orthogonal else algebra.solve(g, self.one + 0 * g)
+        return g.T if self.orthogonal else algebra.solve(g, self.identity + 0 * g)
 
     def move(self, g: Array, v: Array) -> Array:
         return act(g, v) if self.orthogonal else g @ v @ g.T
@@ -71,10 +71,10 @@ class Action:
 
     def charted(self, X: Array, rate: Array, v: Array, left: bool) -> tuple[Array, Array]:
         if self.orthogonal:
-            R = algebra.resolvent(X, self.one + 0 * X)
+            R = algebra.resolvent(X, self.identity + 0 * X)
             return 2 * (R.T @ rate @ R if left else R @ rate @ R.T), algebra.cayley_act(-X if left else X, v)
-        back = self.inverse(self.one + X)
-        return back @ rate if left else rate @ back, self.move(back if left else self.one + X, v)
+        back = self.inverse(self.identity + X)
+        return back @ rate if left else rate @ back, self.move(back if left else self.identity + X, v)
 
     def components(self, xi: Array) -> Array:
         return objects(xi[place] for place in self.places)
@@ -158,11 +158,11 @@ def well_defined(g: Rotation, g1: Rotation, v: Vector, xi: Skew) -> Sides:
 def right_section(g: Rotation, g1: Rotation, A: Vector, xi: Skew, in_algebra: bool = False) -> Sides:
     """the section is G x O_A: (w, a) fix (g_k, g_(k+1)) up to h in G^[A], (g_k h, g_(k+1) h) = (g, w g) with gA = a (printed g x O_A, E9)"""
     w, a = g1 @ g.T, act(g, A)
-    other = algebra.cayley(algebra.project_out(xi, a) / dot(a, a)) @ g  # another g with gA = a
-    yield act(other, A), a
-    h = g.T @ other
+    second = algebra.cayley(algebra.project_out(xi, a) / dot(a, a)) @ g  # another g with gA = a
+    yield act(second, A), a
+    h = g.T @ second
     yield act(h, A), A
-    yield g1 @ h, w @ other
+    yield g1 @ h, w @ second
     yield (w + w.T, 0 * w) if in_algebra else (w.T, algebra.solve(w, identity(len(w)) + 0 * w))
 
 
@@ -248,7 +248,7 @@ def lie_poisson_bracket(s: Setting, M: Skew, P: Vector, X: Skew, Y: Skew, x: Vec
 
 def momenta(a: Action, Lambda: Function, w: Array, v: Array, left: bool) -> tuple[Array, Array, Array]:
     """M_k, M_(k+1) = d'_W Lambda and P_(k+1) (right: m_k, m_(k+1) = d_w Lambda and a_(k+1)), as jets in t."""
-    after = a.slopes(lambda E: Lambda(w @ (a.one + E) if left else (a.one + E) @ w, v), a.units)
+    after = a.slopes(lambda E: Lambda(w @ (a.identity + E) if left else (a.identity + E) @ w, v), a.units)
     force = a.slopes(lambda E: Lambda(w, v + E), a.axes)
     back = a.inverse(w)
     M = objects(after @ a.components(back @ E @ w if left else w @ E @ back) for E in a.units)  # Ad* of M_(k+1)
@@ -260,17 +260,17 @@ def discrete_equations(a: Action, left: bool) -> Sides:
     Lambda, w, v, g = a.generic(), a.member(), a.vector(), a.member()
     fixed, h = (a.move(g, v), g @ w) if left else (a.move(a.inverse(g), v), w @ g)
 
-    def whole(g: Array, h: Array) -> Any:
+    def lagrangian(g: Array, h: Array) -> Any:
         back = a.inverse(g)
         return Lambda(back @ h, a.move(back, fixed)) if left else Lambda(h @ back, a.move(g, fixed))
 
     def near(g: Array, E: Array) -> Array:
-        return g @ (a.one + E) if left else (a.one + E) @ g
+        return g @ (a.identity + E) if left else (a.identity + E) @ g
 
     # orthogonal to the first order only, so that the inverse of a rotation near g is its transpose
     M, M1, _ = momenta(a, Lambda, w + 0 * w * a.t, v + 0 * v * a.t, left)
-    yield a.at_0(a.slopes(lambda E: whole(g + 0 * E, near(h, E)), a.units)), a.at_0(M1)
-    yield a.at_0(a.slopes(lambda E: whole(near(g, E), h + 0 * E), a.units)), -a.at_0(M)
+    yield a.at_0(a.slopes(lambda E: lagrangian(g + 0 * E, near(h, E)), a.units)), a.at_0(M1)
+    yield a.at_0(a.slopes(lambda E: lagrangian(near(g, E), h + 0 * E), a.units)), -a.at_0(M)
 
 
 def implicit_map(a: Action, left: bool) -> Sides:
@@ -334,17 +334,17 @@ def theorem_3_1(s: Setting) -> Sides:
 
 def two_forms(a: Action) -> Iterator[Array]:
     """The two-form of T*G in (g, M), M = L_g^* Pi, pulled back to G x G by (g_k, M_k) and by (g_(k+1), M_(k+1))."""
-    whole, other, g, h = a.generic(), a.generic(), a.member(), a.member()
-    one, count = a.one, len(a.units)
+    forward, backward, g, h = a.generic(), a.generic(), a.member(), a.member()
+    eye, count = a.identity, len(a.units)
 
     def L(g: Array, h: Array) -> Any:  # without any invariance
-        return whole(g, h) + other(h, g)
+        return forward(g, h) + backward(h, g)
 
     def ends(g: Array, h: Array) -> tuple[Array, Array]:
-        first = a.slopes(lambda E: L(g @ (one + E), h), a.units)
-        return -first, a.slopes(lambda E: L(g, h @ (one + E)), a.units)
+        first = a.slopes(lambda E: L(g @ (eye + E), h), a.units)
+        return -first, a.slopes(lambda E: L(g, h @ (eye + E)), a.units)
 
-    moved = [(g @ (one + E * a.t), h) for E in a.units] + [(g, h @ (one + E * a.t)) for E in a.units]
+    moved = [(g @ (eye + E * a.t), h) for E in a.units] + [(g, h @ (eye + E * a.t)) for E in a.units]
     columns, values = [ends(*places) for places in moved], ends(g + 0 * g * a.t, h)
     for k in (0, 1):
         places = np.eye(2 * count, dtype=np.int8)[k * count : (k + 1) * count]

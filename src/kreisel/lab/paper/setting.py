@@ -64,8 +64,8 @@ class Setting:
 
 def curve_of_rotations(s: Setting) -> tuple[Array, Array, Any]:
     """w(e) = cay(e omega/2 + e^2 u/2) in SO(n), its omega, and e, a step with e^3 = 0."""
-    one, omega, u = 1 + 0 * s.scalar(), s.skew(), s.skew()
-    e = exact.generator(0, one) + exact.generator(1, one)
+    unit, omega, u = 1 + 0 * s.scalar(), s.skew(), s.skew()
+    e = exact.generator(0, unit) + exact.generator(1, unit)
     return algebra.cayley(0 * omega + omega * (e / 2) + u * (e * e / 2)), omega, e
 
 

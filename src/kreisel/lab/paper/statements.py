@@ -77,7 +77,7 @@ class StatementResult:
 STATEMENTS: dict[str, Statement] = {}
 
 
-def drawn(function: Callable[..., Sides], **more: Any) -> SidesOf:
+def drawn(function: Callable[..., Sides], **options: Any) -> SidesOf:
     """The sides in a setting: the annotated arguments of the function are drawn, `s` is the setting itself."""
 
     @wraps(function)
@@ -87,25 +87,25 @@ def drawn(function: Callable[..., Sides], **more: Any) -> SidesOf:
             for kind in getattr(note, "__metadata__", ()):
                 value = kind(s) if callable(kind) else getattr(s, kind)
                 values[name] = value() if callable(value) else value
-        return function(**({"s": s} if "s" in function.__annotations__ else {}), **values, **more)
+        return function(**({"s": s} if "s" in function.__annotations__ else {}), **values, **options)
 
     return sides
 
 
 def stated(
-    name: str, place: str, printed: Mapping[str, Any] | None = None, ranks: bool = False, **more: Any
+    name: str, place: str, printed: Mapping[str, Any] | None = None, ranks: bool = False, **options: Any
 ) -> Decorator:
     """Register the decorated function as a statement, which its docstring states.
 
     `printed` are the arguments with which the function gives the printed form instead: it must fail.  Ranks are exact.
     """
-    more = {"ranks": ranks, **({"numbers": ("exact",)} if ranks else {}), **more}
+    options = {"ranks": ranks, **({"numbers": ("exact",)} if ranks else {}), **options}
 
     def register(sides: Callable[..., Sides]) -> Callable[..., Sides]:
         if name in STATEMENTS:
             raise ValueError(f"two statements are called {name}")
         misprint = None if printed is None else drawn(sides, **printed)
-        STATEMENTS[name] = Statement(name, place, sides.__doc__ or "", drawn(sides), misprint, **more)
+        STATEMENTS[name] = Statement(name, place, sides.__doc__ or "", drawn(sides), misprint, **options)
         return sides
 
     return register
@@ -136,8 +136,8 @@ def stated_laws(
 def printed_law(name: str, system: System, law: str, **printed_functions: Any) -> None:
     """The printed form of a statement that is a law of the map of a system, with other functions for some of the map's."""
     assert system.map is not None
-    other = replace(system, map=replace(system.map, **printed_functions))
-    STATEMENTS[name] = replace(STATEMENTS[name], printed=partial(by_laws, system=other, names=(law,)))
+    misprinted = replace(system, map=replace(system.map, **printed_functions))
+    STATEMENTS[name] = replace(STATEMENTS[name], printed=partial(by_laws, system=misprinted, names=(law,)))
 
 
 def section(item: tuple[str, Statement]) -> float:

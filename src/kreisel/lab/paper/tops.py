@@ -435,11 +435,11 @@ def moving_backwards(A: Unit, p: Vector, alpha: Scalar, e: Eps, g: Rotation, h: 
 def moving_legendre(W: Rotation, A: Unit, P: Vector, alpha: Scalar, e: Eps) -> Sides:
     """M_k = -d'_1 of the discrete Lagrangian; its inverse W = cay(X), X = eps M/(2 alpha) + ((1 - alpha)/alpha) A ^ y/<A, y>, y = (I - eps/2 M)^-1 A"""
 
-    def whole(g: Array) -> Any:  # L(g_k, g_(k+1)) with g_(k+1) = W fixed and g_k near 1
+    def lagrangian(g: Array) -> Any:  # L(g_k, g_(k+1)) with g_(k+1) = W fixed and g_k near 1
         return lagrange_top_moving.lagrangian(g, W + 0 * g, P, A=A, alpha=alpha, eps=e)
 
     M = momentum(W, A, alpha, e)
-    yield -right_derivative(whole, identity(len(A)) + 0 * W), M
+    yield -right_derivative(lagrangian, identity(len(A)) + 0 * W), M
     yield cayley(lagrange_top_moving.legendre(M, P, A=A, alpha=alpha, eps=e)), W
 
 
@@ -510,7 +510,7 @@ def cartan_twist(s: Setting, conjugator: Any = lagrange_top_moving.conjugator) -
     for system, V in ((TOP, lagrange_top.conjugator), (MOVING, conjugator)):
         case = s.case(system)
         for function in (system.lax, case.map.lax):
-            here, there = (np.array(case.call(function, lam=sign * case.lam)) for sign in (1, -1))
-            yield -here.mT, there
+            positive, negative = (np.array(case.call(function, lam=sign * case.lam)) for sign in (1, -1))
+            yield -positive.mT, negative
         product = case.call(V, lam=-case.lam) @ case.call(V).T
         yield product, identity(len(product)) + 0 * product

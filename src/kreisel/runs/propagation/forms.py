@@ -17,9 +17,9 @@ from kreisel.kernels.cpu import RowFunction, row_function
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION, with_orientation
 from kreisel.method.scheme import Flow, Scheme
-from kreisel.record.given import in_lane
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import pairs_of, require_bodies
+from kreisel.record.values import in_lane
 from kreisel.runs.plan import Plan, is_finite
 from kreisel.runs.settings import ORTHOGONAL_TOLERANCE, Settings, initial_orientation
 

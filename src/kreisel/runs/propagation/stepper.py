@@ -28,10 +28,10 @@ from kreisel.kernels.threads import LEAST_WORK
 from kreisel.method import scheme as scheme_of
 from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
-from kreisel.record.given import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.record.table import require_within, tables_of_time
+from kreisel.record.values import in_lane
 from kreisel.runs.plan import faults, is_finite, planned
 from kreisel.runs.propagation.forms import StateForms, require_finite
 from kreisel.runs.settings import LARGE, MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
