@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import re
 import tokenize
@@ -32,6 +33,23 @@ PATTERNS = {  # what is counted: what to write in its place
     r"\b(put back|goes on|go on|so many|as it is)\b": "projected, resumes, n, unchanged",
 }
 NOUNS = {r"\b[wW]hat (is|are|was|it|they|a|an|the|each|has)\b": "the noun: values, results, terms"}  # in code only
+FILLERS = frozenset(
+    "each everything found given here known less made more one other own part rest stuff such "
+    "there thing this those what whole both".split()
+)  # names that do not tell what they hold
+NAMED_BY_USERS = {  # parameters and methods of the interface
+    ("checkcases/motion.py", "given"),  # case.given()
+    ("lab/brackets.py", "more"),  # kr.lab.lax(more=)
+    ("runs/citing.py", "what"),  # kr.cite(what)
+}
+OF_A_STEP = {  # the record `Part`: a function that kernels call in order
+    ("graph/recording.py", "part"),
+    ("kernels/adjoint.py", "part"),
+    ("kernels/cpu.py", "part"),
+    ("kernels/jax_primitives.py", "part"),
+    ("kernels/large/forms.py", "part"),
+}
+ARCHIVES = {(f"{name}.py", "part") for name in ("storage/archive", "storage/run_archive", "sweeps/store")}  # NAME.part
 CEILINGS = {"docs": 74, "messages": 26, "docstrings": 180}
 
 
@@ -63,6 +81,23 @@ def counts(texts: list[str], patterns: dict[str, str] = PATTERNS) -> dict[str, i
     return {pattern: len(re.findall(pattern, joined, re.MULTILINE)) for pattern in patterns}
 
 
+def fillers(text: str) -> set[str]:
+    """The names among `FILLERS` that a module binds; the operand `other` of an operator is Python's convention."""
+    tree = ast.parse(text)
+    operators = [f for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) and re.fullmatch(r"__\w+__", f.name)]
+    operands = {id(x) for f in operators for x in ast.walk(f) if getattr(x, "arg", getattr(x, "id", "")) == "other"}
+    names = set[str]()
+    for node in ast.walk(tree):
+        match node:
+            case _ if id(node) in operands:
+                pass
+            case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
+                names.add(name)
+            case ast.arg(arg=name) | ast.FunctionDef(name=name) | ast.ExceptHandler(name=str(name)):
+                names.add(name)
+    return names & FILLERS
+
+
 @cache
 def collected() -> dict[str, list[str]]:
     pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
@@ -90,3 +125,29 @@ def test_the_patterns_are_seen_outside_code_only() -> None:
     assert sum(counts(prose_of_page(page)).values()) == 4
     prose, messages = words_of_code('"""The same run."""\nx = f"it says {x!r} beside"  # what stands here\n')
     assert [sum(counts(texts).values()) for texts in (prose, messages)] == [2, 2]
+
+
+def test_names_tell_what_they_hold() -> None:
+    """A name is a noun of the field, so that a line can be read without the lines above."""
+    bound = {
+        (path.relative_to(SOURCE).as_posix(), name)
+        for path in SOURCE.rglob("*.py")
+        for name in fillers(path.read_text(encoding="utf-8"))
+    }
+    allowed = NAMED_BY_USERS | OF_A_STEP | ARCHIVES
+    assert not bound - allowed, f"rename to what it holds: {sorted(bound - allowed)}"
+    assert not allowed - bound, f"no longer bound, delete them from the list: {sorted(allowed - bound)}"
+
+
+BINDINGS = (
+    "{} = 1|{}: int = 1|self.{} = 1|for {} in x: pass|[x for {} in y]|with x as {}: pass|if {} := x: pass|"
+    "def f({}): pass|def f(**{}): pass|def {}(): pass|lambda {}: x|class A:\n    {}: int"
+)
+
+
+@pytest.mark.parametrize("text", BINDINGS.split("|"))
+def test_a_binding_of_a_filler_is_seen(text: str) -> None:
+    for name in FILLERS:
+        assert fillers(text.format(name)) == {name}
+    assert fillers(text.format("state")) == set()
+    assert fillers("def __eq__(self, other): other = f(other); return self.x == other") == set()

@@ -159,7 +159,7 @@ def pair(M, P, *, kappa, beta, c, gamma, curve, lam, mu):
 
 
 def tangent(v, z, B, beta, zeta):
-    """Of half the angle of the rotation, for W = cay(zeta (v ^ z) B)."""
+    """The tangent of half the angle of the rotation, for W = cay(zeta (v ^ z) B)."""
     vv, zz, vz = dot(v, B * v), dot(z, B * z), dot(v, B * z)
     (v1, v2, v3), (z1, z2, z3) = (tuple(t[..., i][()] for i in range(3)) for t in (v, z))
     vf, zf = v1 - beta * v3, z1 - beta * z3

@@ -103,7 +103,7 @@ class Body:
         self.inverse = 1 / (self.L + (self.L == 0))
 
     def numbers(self, time: Array) -> tuple[dict[str, Array], dict[str, Array], int]:
-        """What `step` needs for these times, constants of the motion and of a map, and the number of maps."""
+        """Constants of the motion and of a map, for `step` and these times, and the number of maps."""
         most = float(np.max(self.speed * abs(time)))
         if most > MOST_MAPS:
             raise InputError(

@@ -49,7 +49,7 @@ class Integrals:
 
     @property
     def dual(self) -> Integrals:
-        """Those of the body's view (m, b, p) -> (-M, P, A): the same cubic, other angles."""
+        """The integrals of the body's view (m, b, p) -> (-M, P, A): the same cubic, other angles."""
         return Integrals(self.P2, self.A, -self.c, -self.J, self.E)
 
     @property

@@ -57,7 +57,7 @@ def crossed(x: Sequence[Any], y: Sequence[Any], times: Callable[[Any, Any], int]
 
 
 def cos_sin(half: Array) -> tuple[Array, Array]:
-    """Of an angle in parts, the rest of it at most pi/512; as small changes of the first part, so rounded once."""
+    """Cosine and sine of an angle in two parts: cos and sin of the first, and the second, at most pi/512."""
     cos, sin, x = half[..., 0], half[..., 1], half[..., 2]
     y = x * x
     versine, s = y * (0.5 - y * (1 / 24 - y * (1 / 720))), x * (1 - y * (1 / 6 - y * (1 / 120)))
@@ -71,7 +71,7 @@ def from_middle(j: int, places: int) -> int:
 
 
 def polynomials(series: Array, binary: int, ctx: Any, units: Array | None = None) -> Array:
-    """Of a part, (TERMS, values), from power series (ORDERS, values): integers of `binary` places, in these units."""
+    """Polynomials of a part (TERMS, values) from power series (ORDERS, values), integers of `binary` places."""
     units = np.ones(series.shape[1], dtype=object) if units is None else units
     out: Array = economised()[0] @ np.ldexp(series.astype(np.float64), -binary) * units.astype(np.float64)
     out[0] = [float(ctx.ldexp(ctx.mpf(int(v)), -binary) * unit) for v, unit in zip(series[0], units, strict=True)]

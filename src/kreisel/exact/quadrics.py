@@ -103,7 +103,7 @@ def addition(K: Array, p: Array) -> tuple[Array, Array]:
 def weights(
     p: Array, s2: Array, s3: Array, s4: Array
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...], Array]:
-    """Of the powers of K in E and O: those of m^0, m^2 and m^4 in both, those of K^0 to K^3 in gamma, and D/4."""
+    """Weights of the powers of K in E and O: of m^0, m^2 and m^4 in both, of K^0 to K^3 in gamma, and D/4."""
     g2, g3 = invariants(s2, s3, s4)
     q = -p
     D, middle = 4 * q**3 - g2 * q + g3, q * q + g2 / 4
@@ -164,7 +164,7 @@ def moved(K: Array) -> tuple[Array, Array]:
 
 
 def coefficients(Q: Array) -> dict[str, Array]:
-    """Of the squares, products, x and 1 in forms (..., 4, 4) of (x, 1)."""
+    """Coefficients of the squares, products, x and 1 in forms (..., 4, 4) of (x, 1)."""
     return {
         "squares": Q[..., range(3), range(3)],
         "products": 2 * Q[..., algebra.SECOND, algebra.THIRD],
@@ -266,7 +266,7 @@ def _curve(M: Array, h: Array, w: Array, b: Array) -> Curve:
 
 
 def curve_of(x: Array, L: Array, h: Array, w: Array, b: Array, orders: int = ORDERS) -> Curve:
-    """That of M = L x and the step h, with Laurent's series to so many orders."""
+    """The curve of M = L x and the step h, with Laurent's series to `orders` orders."""
     energy = L * algebra.dot(x, w * x) - 2 * algebra.dot(b, x)
     trace = (L * (w[..., 0] + w[..., 1] + w[..., 2]) + energy) / 4
     diagonal = algebra.vec(h) * (algebra.vec(L) * w - algebra.vec(trace))

@@ -74,11 +74,11 @@ class Integer:
     __rmul__ = __mul__
 
     def __floordiv__(self, other: Any) -> Integer:
-        """Of values that are not negative."""
+        """The quotient of values that are not negative."""
         return self._by("udiv", other)
 
     def __mod__(self, other: Any) -> Integer:
-        """Of values that are not negative."""
+        """The remainder of values that are not negative."""
         return self._by("urem", other)
 
     def __lshift__(self, other: Any) -> Integer:

@@ -152,7 +152,7 @@ class Code:
         f.doubles(gc).put(_get(slopes[d:]))
 
     def _slopes(self, part: Part, wide: bool) -> tuple[Graph, list[Operand]]:
-        """Those by z; if `wide` also by c and s, added to h and q."""
+        """Slopes by z; if `wide` also by c and s, added to h and q."""
         graph, slopes = pulled(*part, "" if wide else "cs")
         outputs = [slopes.get(("z", i), 0.0) for i in range(self.dim)]
         of_stage = self.sizes[2] if part is self._parts[0] else 0
@@ -267,7 +267,7 @@ class _Motion:
         return lambda letter, i: entries[letter][i]
 
     def outputs(self, part: Part, stage: Integer, **vectors: Any) -> list[Value]:
-        """Those of a graph."""
+        """The values of the outputs of a graph."""
         nodes = part.graph.needed(part.outputs)
         values: dict[int, Value] = {}
         self._f.compute(part.graph, latest(part.graph, nodes), values, self.inputs(stage, **vectors), DOUBLE)

@@ -143,7 +143,7 @@ class Pull(NamedTuple):
 
     @classmethod
     def of(cls, scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> Pull:
-        """That of a scheme."""
+        """The pull of a scheme."""
         coupling, graph = of(scheme), Graph()
         kinds = scheme.kinds
         of_lanes = {letter: places for letter, places in columns.items() if letter != "p"}
@@ -157,7 +157,7 @@ class Pull(NamedTuple):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """As a part of a kernel's key."""
+        """The pull's part of a kernel's key."""
         return self.graph.digest(self.outputs), self.size, self.forces, tuple(self.counts.items())
 
     def write(self, f: Function, words: Mapping[str, Integer], stage: Any) -> None:

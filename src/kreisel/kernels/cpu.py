@@ -99,7 +99,7 @@ def code_of(
 
 
 def _programs(scheme: Scheme, columns: Mapping[str, slice]) -> list[Program] | None:
-    """Those of the invariants and of the orientation; None if they would be too long."""
+    """Programs of the invariants and of the orientation; None if they would be too long."""
     try:
         program = recordable(lambda: program_of(scheme, columns))
     except TooLong:

@@ -48,7 +48,7 @@ class Split(NamedTuple):
 
     @classmethod
     def of(cls, record: Recording, piece: Piece) -> Split:
-        """That of a piece of a record."""
+        """The split of a piece of a record."""
         nodes, fixed, of_stage = piece.nodes, record.fixed(piece), record.of_stage(piece)
         varying = [at for at in nodes if at not in fixed and at not in of_stage]
         read = {x.at for at in varying for x in operands_of(piece.graph.nodes[at])}

@@ -222,7 +222,7 @@ def _along_orbits(subject: Subject, exponents: list[Exponents], seed: list[int],
 
 
 def _independent(subject: Subject, functions: list[Any], seed: list[int], earlier: Sequence[Any] = ()) -> list[Any]:
-    """Those whose gradients raise the rank at a random point, modulo a prime."""
+    """Functions whose gradients raise the rank at a random point, modulo a prime."""
     p = PRIMES[2]
     x = subject.point(random_residues(np.random.default_rng([seed[0] * 1000 + seed[1] + 500, p]), p, 1))
     rows = modular.gradients([*earlier, *functions], x, p)

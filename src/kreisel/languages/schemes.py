@@ -81,7 +81,7 @@ class Stepped:
 
     @property
     def parameters(self) -> dict[str, Field]:
-        """Those of the system, and dt; none if the constants belong to an orbit."""
+        """Parameters of the system, and dt; none if the constants belong to an orbit."""
         if self.fitted:
             return {}
         params, meanings = self.model.params, {p.letter: p.meaning for p in self.model.system.parameters}

@@ -21,7 +21,7 @@ TURN = 0.15915494309189535, -9.839338337591867e-18  # 1/(2 pi)
 
 
 def largest_root(u: Any, v: Any) -> Any:
-    """Of y^3 + u y + v with three real roots, by Newton's method: double-double; and the last change, a double."""
+    """The largest of three real roots of y^3 + u y + v, by Newton's method; its last change, a double."""
     first, last = upper(u), upper(v)
     unit = 2.0 * sqrt(-first / 3.0)
     q = -4.0 * last / (unit * unit * unit)  # the root is `unit` cos(arccos(q)/3)
@@ -145,7 +145,7 @@ def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: int = DUPLICAT
 
 
 def cos_sin(x: Any) -> Any:
-    """Of an angle of at most pi/4, by Taylor's series."""
+    """Cosine and sine of an angle of at most pi/4, by Taylor's series."""
     e = x * x
     c, s = -1.0 / 87178291200.0 + e / 20922789888000.0, 1.0 / 6227020800.0 - e / 1307674368000.0
     c, s = 1.0 / 479001600.0 + e * c, -1.0 / 39916800.0 + e * s

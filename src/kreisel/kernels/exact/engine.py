@@ -79,7 +79,7 @@ class ClosedForm:
         return jumps_of(self._scheme, len(self._start))
 
     def _lanes(self, which: Iterable[int]) -> dict[int, OrbitRows | Samples]:
-        """These lanes, set up in many digits.  Raises `InputError` if there is no closed form."""
+        """The orbits of some lanes, set up in many digits.  Raises `InputError` if there is no closed form."""
         which, scheme, lanes = list(which), self._scheme, len(self._start)
         new = [lane for lane in which if lane not in self._known]
         if not new:  # of no lane 17 us too
@@ -448,7 +448,7 @@ class _Rows:
                 builder.call(fetch, [self._out.beyond(at).pointer, INDEX(1), INDEX(3), INDEX(1)])
 
     def _polynomials(self, i: Integer) -> None:
-        """Of the scalars of the places of rows i, i + 1, ..., by Horner's rule with fused products."""
+        """The scalars of the places of rows i, i + 1, ..., by Horner's rule with fused products."""
         groups = -(-self._numbers // LANES)
         starts = [self._part[i + r] * (self._terms * groups * LANES) for r in range(LANES)]
         arguments = [self._f.spread(self._x[i + r], VECTOR) for r in range(LANES)]

@@ -87,9 +87,7 @@ def _length() -> Formula:
 
 
 def axis_of(P2: Any, c: Any, K: Any, shape: Any) -> Any:
-    """What rotations about p take: 0 or 1, |p|, c and K, and what `period_of` returns; 0 where p = 0: they do not
-    count.
-    """
+    """Arguments of rotations about p: 1, or 0 for p = 0, where they do not count; |p|, c, K, results of `period_of`."""
     heavy = where_less(0.0, upper(P2), 1.0, 0.0)  # 0 where p = 0: then K = c = 0, and no rotation about p counts
     lower = upper(K - upper(K))
     K = DoubleDouble(where_less(0.0, heavy, upper(K), 0.0), where_less(0.0, heavy, lower, 0.0))

@@ -132,7 +132,7 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
 
 
 def about_the_third_kind(constants: Any, chi: Any, t: Any) -> Any:
-    """The same for axes in the order of `kreisel.exact.rotor`, M_3 >= 0, whose formulas these are."""
+    """The rotation for axes in the order of `kreisel.exact.rotor`, M_3 >= 0, whose formulas these are."""
     I1, I2, I3, N1, N2, N3, f1, f2, f3, rho, kappa, gap, terms, width = constants
     d, e, volume = f1 + rho * f2, kappa * f2 + f3, I1 * I2 * I3  # D and E over I_3 - I_1
     squares = I1 * d, I2 * d / rho, I3 * e
@@ -237,7 +237,7 @@ def moved(constants: Any, N: Any, time: Any, count: Any, strength: Any, beyond: 
 
 
 def _root(x: Any) -> Any:
-    """Of a double-double, 0 too."""
+    """The square root of a double-double, 0 too."""
     flat = where_less(0.0, upper(x), 0.0, 1.0)
     return sqrt(x + flat) - flat
 
@@ -249,7 +249,7 @@ def _times(x: Any, y: Any) -> Any:
 
 
 def _on_circle(cn: Any, sn: Any) -> Any:
-    """The same with cn^2 + sn^2 = 1, so that energy and |M| stay."""
+    """(cn, sn) corrected to cn^2 + sn^2 = 1, so that energy and |M| stay."""
     c2, s2 = cn * cn, sn * sn
     left = 0.5 * (((1.0 - c2) - s2) - (fma(cn, cn, -c2) + fma(sn, sn, -s2)))
     return fma(left, cn, cn), fma(left, sn, sn)

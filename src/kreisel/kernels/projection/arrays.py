@@ -61,7 +61,7 @@ class InDoubles(Corrections):
     """The projection of rows z (lanes, d), corrected one after the other or together by `_corrected`."""
 
     def _values(self, z: Floats) -> Mapping[str, Floats]:
-        """Those families of invariants that are projected, (lanes, members) each."""
+        """The families of invariants that are projected, (lanes, members) each."""
         raise NotImplementedError
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
