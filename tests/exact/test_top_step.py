@@ -191,8 +191,8 @@ def test_a_wrong_integral_shows(letter: str, monkeypatch: pytest.MonkeyPatch) ->
         wrong = [v * (1 + 1e-8) for v in value] if letter == "series" else value * (1 + 1e-8)
         return known._replace(**{letter: wrong})
 
-    right = top_step._known
-    monkeypatch.setattr(top_step, "_known", mutant)
+    right = top_step._integrals
+    monkeypatch.setattr(top_step, "_integrals", mutant)
     assert worst(tops_of_all_sizes(4)) > 100 * ULP
 
 

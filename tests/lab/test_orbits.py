@@ -68,7 +68,7 @@ def test_enclosures_contain_what_they_enclose(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(
         certified, "slopes", lambda images, d: np.array([[v.mid() for v in row] for row in middle(images, d)])
     )
-    monkeypatch.setattr(certified, "_both", lambda a, b: a)
+    monkeypatch.setattr(certified, "_intersection", lambda a, b: a)
     assert escaped(2) > 0
 
 

@@ -137,7 +137,7 @@ def _chosen(condition: Any, yes: Any, no: Any) -> Any:
     return condition.choose(yes, no) if isinstance(condition, Condition) else yes if condition else no
 
 
-def _less(x: Any, y: Any) -> Condition:
+def _comparison(x: Any, y: Any) -> Condition:
     return Condition(lambda yes, no: where_less(x, y, yes, no), "a comparison, as in `if x < y`")
 
 
@@ -248,8 +248,8 @@ class Recorded(Dispatched):
     __round__ = __trunc__ = __floor__ = __ceil__ = _refused("a rounding to an integer", ROUND)
     __floordiv__ = __mod__ = __divmod__ = _refused("a remainder or an integer quotient", RECORDED)
 
-    __lt__, __gt__ = _ordered(lambda x, y: _less(x, y)), _ordered(lambda x, y: _less(y, x))
-    __le__, __ge__ = _ordered(lambda x, y: ~_less(y, x)), _ordered(lambda x, y: ~_less(x, y))
+    __lt__, __gt__ = _ordered(lambda x, y: _comparison(x, y)), _ordered(lambda x, y: _comparison(y, x))
+    __le__, __ge__ = _ordered(lambda x, y: ~_comparison(y, x)), _ordered(lambda x, y: ~_comparison(x, y))
 
     def __abs__(self) -> Any:
         return where_less(self, 0, -self, self)  # type: ignore[operator]

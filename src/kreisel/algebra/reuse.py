@@ -90,7 +90,7 @@ def _table(key: Hashable) -> Table:
     return table
 
 
-def _made(make: Callable[[], Made]) -> Made:
+def _uncollected(make: Callable[[], Made]) -> Made:
     """The result of `make`, without collections of garbage, a third of the time of writing a graph of 10^5 objects."""
     if not gc.isenabled():
         return make()
@@ -107,14 +107,14 @@ def _made(make: Callable[[], Made]) -> Made:
 def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
     """The result of `make` for this key, from the last call if stored; a key or a result None is not stored."""
     if key is None:
-        return _made(make)
+        return _uncollected(make)
     with _one_at_a_time:
         table = _table(key)
         if key in table:
             table.move_to_end(key)
             result: Made = table[key]
             return result
-    value = _made(make)  # outside the lock: two threads may both compute it
+    value = _uncollected(make)  # outside the lock: two threads may both compute it
     if value is not None:
         with _one_at_a_time:
             table[key] = value

@@ -184,7 +184,7 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
     nutations, time = peaks.sizes["event"] - 1, peaks["time"].values
     advance = _advance(run, model, peaks) / nutations
     measured = _nutation(float(time[-1] - time[0]) / nutations, advance, low, high, float(spin[0]))
-    closed_form = _known(run, model)
+    closed_form = _nutation_rates(run, model)
     table = pd.DataFrame({"measured": measured, "closed_form": {k: closed_form.get(k, np.nan) for k in measured}})
     for name, power in POWERS_OF_TIME.items():
         table.loc[name] *= unit**power
@@ -240,7 +240,7 @@ def _azimuth(run: xr.Dataset, model: Model) -> Array | None:
     return np.arctan2(seen[..., 1], seen[..., 0])
 
 
-def _known(run: xr.Dataset, model: Model) -> dict[str, float]:
+def _nutation_rates(run: xr.Dataset, model: Model) -> dict[str, float]:
     from kreisel.runs.closed_form import nutation
 
     start = {letter: run[letter].values[0] for letter in model.system.space.letters}

@@ -62,7 +62,7 @@ class Level(NamedTuple):
 def step(m: Array, a: Array, *g: Array, p: Array, alpha: Array, h: Array) -> tuple[Array, ...]:
     """(m, a) or (m, a, g) after the time h: axial vectors (..., 3), g (..., 4) a unit quaternion.  With g, a != 0."""
     f = algebra.vec(h) * p
-    integrals = _known(m, a, f, h)
+    integrals = _integrals(m, a, f, h)
     e, levels = _vector(integrals, m, a, f, h), _levels(integrals)
     kick = algebra.cross(f, e)
     mean = algebra.vec(h) * (m + kick / 2)
@@ -77,7 +77,7 @@ def step(m: Array, a: Array, *g: Array, p: Array, alpha: Array, h: Array) -> tup
 def step_inside(M: Array, P: Array, *g: Array, A: Array, alpha: Array, h: Array) -> tuple[Array, ...]:
     """(M, P) or (M, P, g) of the moving frame after the time h: M, A, P as m, a, p in the frame where g = 1 before."""
     f = algebra.vec(h) * P
-    integrals = _known(M, A, f, h)
+    integrals = _integrals(M, A, f, h)
     e, levels = _vector(integrals, M, A, f, h), _levels(integrals)
     q = _within(integrals, A, e, levels, alpha)
     back = algebra.inverse_turn(q)
@@ -96,7 +96,7 @@ def reach(m: Array, a: Array, *, p: Array, alpha: Array, h: Array) -> Array:
     return algebra.maximum(length, spin * spin / (A + TINY))
 
 
-def _known(m: Array, a: Array, f: Array, h: Array) -> Known:
+def _integrals(m: Array, a: Array, f: Array, h: Array) -> Known:
     w = algebra.vec(h) * m
     A, P, J, c = algebra.dot(a, a), h * h * algebra.dot(f, f), algebra.dot(w, a), h * algebra.dot(w, f)
     E = algebra.dot(w, w) / 2 + h * algebra.dot(a, f)

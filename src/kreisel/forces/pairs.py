@@ -26,7 +26,7 @@ def parameters_of_pairs(record: Perturbation, pairs: Any, parameters: Mapping[st
     if record.pair is None:
         return {}
     result = _checked(pairs)
-    out = {PAIRS: Parameter(PAIRS, "array", "the bodies that act on each other, (pairs, 2)", _whole, result)}
+    out = {PAIRS: Parameter(PAIRS, "array", "the bodies that act on each other, (pairs, 2)", _check_pairs, result)}
     of_one = {name for force in record.functions.values() for name in force.parameters}
     for name in record.pair.parameters:
         if name not in parameters:
@@ -61,11 +61,11 @@ def _checked(pairs: Any) -> Array:
         result = np.empty(0)
     if result.ndim != 2 or result.shape[1:] != (2,) or not len(result) or result.dtype.kind not in "iu":
         raise InputError(f"pairs: expected pairs of integers, such as [(0, 1), (1, 2)], got {shown(pairs)}.")
-    _whole(result, PAIRS)
+    _check_pairs(result, PAIRS)
     return result
 
 
-def _whole(value: Array, name: str) -> None:
+def _check_pairs(value: Array, name: str) -> None:
     if value.ndim != 2 or value.shape[1:] != (2,) or (value % 1 != 0).any():
         raise InputError(f"{name}: expected pairs of integers, got {shown(value.tolist())}.")
     if value.min() < 0 or value.max() >= MOST_BODIES or (value[:, 0] == value[:, 1]).any():

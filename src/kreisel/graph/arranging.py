@@ -61,7 +61,7 @@ def length(graph: Graph, outputs: Sequence[Operand]) -> int:
 class _Arranging:
     def __init__(self, graph: Graph, values: Mapping[tuple[str, int], float]):
         self._old, self._values, self._new = graph, values, Graph()
-        self._made: dict[Any, Operand] = {}
+        self._results: dict[Any, Operand] = {}
 
     def outputs(self, outputs: Sequence[Operand]) -> tuple[Graph, list[Operand]]:
         self._record(_fused(self._old, self._old.needed(outputs), outputs))
@@ -69,8 +69,8 @@ class _Arranging:
 
     def _value(self, x: Any) -> Operand:
         if not isinstance(x, Number):
-            return self._made[x] if isinstance(x, tuple) else x
-        value = self._made[x.at]
+            return self._results[x] if isinstance(x, tuple) else x
+        value = self._results[x.at]
         return -value if x.negative else value
 
     def _record(self, steps: Sequence[_Step]) -> None:
@@ -78,32 +78,32 @@ class _Arranging:
             if operation == ops.IN:
                 letter, index = operands
                 value = self._values.get((letter, index))
-                self._made[place] = self._new.input(letter, index) if value is None else value
+                self._results[place] = self._new.input(letter, index) if value is None else value
             elif operation == ops.LOOP:
                 self._loop(place, operands)
             elif operation == ops.BRANCH:
                 self._branch(place, operands)
             elif operation == SAME:
-                self._made[place] = self._value(operands[0])
+                self._results[place] = self._value(operands[0])
             elif operation == ops.RESULT:
-                self._made[place] = self._made[operands[0].at, operands[1]]
+                self._results[place] = self._results[operands[0].at, operands[1]]
             else:
                 apply = ops.APPLIED.get(operation, partial(_linear, operation))
-                self._made[place] = apply(*map(self._value, operands))
+                self._results[place] = apply(*map(self._value, operands))
 
     def _loop(self, place: int, operands: tuple[Any, ...]) -> None:
         loop = self._old.loops[operands[0]]
         members = _fused(self._old, self._old.needed_inside(loop), loop.new)
 
         def body(variables: list[Number]) -> tuple[list[Operand], Operand]:
-            self._made.update({x.at: variable for x, variable in zip(loop.variables, variables, strict=True)})
+            self._results.update({x.at: variable for x, variable in zip(loop.variables, variables, strict=True)})
             self._record(members)
             *new, defect = map(self._value, loop.new)
             return new, defect
 
         start = [self._value(x) for x in operands[1 : 1 + len(loop.variables)]]
         x, defect = self._new.loop(body, start, loop.small, loop.most)
-        self._made.update({(place, i): value for i, value in enumerate((*x, defect))})
+        self._results.update({(place, i): value for i, value in enumerate((*x, defect))})
 
     def _branch(self, place: int, operands: tuple[Any, ...]) -> None:
         branch = self._old.branches[operands[0]]
@@ -113,7 +113,7 @@ class _Arranging:
             self._record(_fused(self._old, self._old.needed_inside(branch), branch.new))
             return [self._value(x) for x in branch.new]
 
-        self._made.update({(place, i): value for i, value in enumerate(if_positive(test, body, values))})
+        self._results.update({(place, i): value for i, value in enumerate(if_positive(test, body, values))})
 
 
 def _linear(operation: str, *operands: Any) -> Number:

@@ -78,7 +78,7 @@ class Code:
         self.stage, self.close, self.sizes = stage, close, (len(stage.outputs), constants, of_stage)
         self._parts = [Part(*arranged(*part)) for part in ([stage] if close is None else [stage, close])]
         self._key = self.sizes, *(part.graph.digest(part.outputs) for part in self._parts)
-        self._made: dict[Any, Kernel] = {}
+        self._kernels: dict[Any, Kernel] = {}
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Code) and self._key == other._key
@@ -102,11 +102,13 @@ class Code:
         self, write: Callable[..., None], arguments: int, derive: Callable[..., Any] | None, *options: Any
     ) -> Any:
         """The kernel that write(function, derivatives, *options) writes, with derivatives from derive(part)."""
-        result = self._made.get((write.__name__, *options))
+        result = self._kernels.get((write.__name__, *options))
         if result is None:
             parts = [Part(*arranged(*derive(part))) for part in self._parts] if derive else []
             key = write.__name__, *options, self._key, *(part.graph.digest(part.outputs) for part in parts)
-            result = self._made[write.__name__, *options] = kernel(key, arguments, lambda f: write(f, parts, *options))
+            result = self._kernels[write.__name__, *options] = kernel(
+                key, arguments, lambda f: write(f, parts, *options)
+            )
         return result
 
     def _forward(self, f: Function, _: Sequence[Part]) -> None:

@@ -140,10 +140,10 @@ class Correction:
             try:
                 engine = self._at_rest.pop()
             except IndexError:
-                return self._made(z)
-        return engine if engine.begin(z, self._scheme, 1) else self._made(z)
+                return self._new_engine(z)
+        return engine if engine.begin(z, self._scheme, 1) else self._new_engine(z)
 
-    def _made(self, z: Floats) -> Engine:
+    def _new_engine(self, z: Floats) -> Engine:
         return engine_of(self._scheme, z.copy(), name="cpu", dt=1.0, steps=1, every=1, large=None, project=False)
 
 

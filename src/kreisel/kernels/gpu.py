@@ -230,8 +230,8 @@ class GpuEngine:
         key = "steps", record.digest(), record.state, record.count("s"), record.stages, precision
         self._kernel = self._device.compiled(key, ARGUMENTS, steps_of_a_lane(record, precision))
         self._stage_count = stages.shape[1]
-        self._constants, self._stages = self._there(constants.T), self._there(stages.transpose(1, 2, 0))
-        self._state = self._there(self.z.T)
+        self._constants, self._stages = self._on_device(constants.T), self._on_device(stages.transpose(1, 2, 0))
+        self._state = self._on_device(self.z.T)
         try:
             program = recordable(lambda: program_of(scheme, columns)) if project and engine == "cuda" else None
         except TooLong:
@@ -243,7 +243,7 @@ class GpuEngine:
             every = interval(cost, record.work * scheme.stage_count, scheme.between)
             self.projection = GpuProjection(program, also, every, self._device, self._state, self._constants)
 
-    def _there(self, values: Floats) -> Any:
+    def _on_device(self, values: Floats) -> Any:
         return self._device.array(np.ascontiguousarray(values, dtype=self._real))
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:

@@ -133,7 +133,7 @@ def _lohner(
         for name, f in named.items():
             value = f(independent(X))
             if isinstance(value, Dual):  # by the mean-value form, cut with the value on the box
-                value = _both(f(c) + value.slope @ Q @ r, value.value)
+                value = _intersection(f(c) + value.slope @ Q @ r, value.value)
             low, high = ranges.get(name, (np.inf, -np.inf))
             lowest, highest = np.nextafter((float(value.lower()), float(value.upper())), (-np.inf, np.inf))
             ranges[name] = min(low, float(lowest)), max(high, float(highest))
@@ -152,13 +152,15 @@ def _lohner(
         back = np.array(flint.arb_mat(d, d, list(U.ravel())).inv().tolist(), dtype=object)
         inner = (back @ A) @ r + back @ (new - following)
         mapped = (getattr(v, "value", v) for v in images)
-        box_of = np.array([_both(a, b) for a, b in zip(following + U @ inner, mapped, strict=True)], dtype=object)
+        box_of = np.array(
+            [_intersection(a, b) for a, b in zip(following + U @ inner, mapped, strict=True)], dtype=object
+        )
         if max(float(v.rad()) for v in box_of) > tolerance:
             return done, f"the next enclosure is wider than {tolerance:g}", X, ranges
         c, Q, r, X, done = following, U, inner, box_of, done + 1
 
 
-def _both(a: Any, b: Any) -> Any:
+def _intersection(a: Any, b: Any) -> Any:
     """The intersection of two enclosures of one number."""
     return a.intersection(b)
 

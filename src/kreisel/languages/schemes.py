@@ -76,7 +76,7 @@ class Stepped:
         """With dt and parameters among the constants of the file."""
         if self.fitted:
             return self.fixed
-        constants = self._known(c)
+        constants = self._constants(c)
         return self._recorded(c["dt"], {k: constants[k] for k in self.model.constants if k in constants}) or self.fixed
 
     @property
@@ -122,7 +122,7 @@ class Stepped:
         entries = [(x, name in positive) for name, value in parameters.items() for x in np.ravel(value)]
         return check(dt, [pair for x, above in entries for pair in [(0.0, x)] * above + [(abs(x), HUGE)]])
 
-    def _known(self, c: Values, stage: bool = False) -> dict[str, Any]:
+    def _constants(self, c: Values, stage: bool = False) -> dict[str, Any]:
         stages = self.variable.stages
         shapes = {k: np.shape(v)[k in stages :] for k, v in self._values.items() if stage or k not in stages}
         return {k: np.reshape(np.asarray(c[k], dtype=object), shape)[()] for k, shape in shapes.items()}
@@ -153,7 +153,7 @@ class Stepped:
         return watched(self._moved, True, c, s) if self.held else self._moved(c, s)
 
     def _moved(self, c: Values, s: Values) -> dict[str, Any]:
-        constants = {**self._known(c, True), **{name: s[name][0] for name in self.orbit}}
+        constants = {**self._constants(c, True), **{name: s[name][0] for name in self.orbit}}
         motion: Any = self.scheme(c).motion
         if isinstance(motion, Orbits):
             z, count = self._inside(s), len(self.model.system.space.letters)
@@ -165,21 +165,21 @@ class Stepped:
     def close(self, c: Values, s: Values) -> dict[str, Any]:
         """The end of a step that has stages."""
         motion: Any = self.scheme(c).motion
-        return self._outside(motion.close(*self._inside(s), **self._known(c)))
+        return self._outside(motion.close(*self._inside(s), **self._constants(c)))
 
     def begin(self, c: Values, s: Values) -> dict[str, Any]:
         """The variables of the method from a user's state, and the constants of the trajectory."""
         x = tuple(z for z, name in zip(self._inside(s), self.kinds, strict=True) if name in self.letters)
         out = self._outside(self.scheme(c).reopen(x))
         if self.turning is not None:
-            state, constants = x[: len(self.model.system.space.letters)], self._known(c)
+            state, constants = x[: len(self.model.system.space.letters)], self._constants(c)
             (name,) = self.orbit
             out[f"s.{name}"] = np.stack([call(self.turning, state, {**constants, "eps": eps}) for eps in c["eps"]])
         return out
 
     def observe(self, c: Values, s: Values) -> dict[str, Any]:
         """The state of the user, if the method steps other variables, and energies."""
-        values = self.scheme(c).observe(self._inside(s), None, **self._known(c))
+        values = self.scheme(c).observe(self._inside(s), None, **self._constants(c))
         energies = {k: np.ravel(np.asarray(v, dtype=object)) for k, v in values.items() if k.startswith("energy")}
         return {k: self._entries(k, values[k]) for k in self.kinds if self.begins and k in values} | energies
 

@@ -163,7 +163,7 @@ class Splitting:
         state, g, carried = self.apart(z[:size])
         pulled = (z[size : size + self.count], z[-1] if self.driven else 0) if len(z) > size else None
         body = self.body(state, (), carried, _node, constants)
-        flow = self._rest if self.divided else self.perturbed
+        flow = self._remainder if self.divided else self.perturbed
         state, g, work = flow(body, g, _kick, constants, pulled)
         if self.driven:
             carried[WORK] = carried[WORK] + work
@@ -213,7 +213,7 @@ class Splitting:
         state, work = body.state, 0.0
         for fraction in self.parts:
             state, g, before = self._before(state, g, fraction * h, constants)
-            state, g, after = self._rest(body._replace(state=state), g, fraction * h, constants, pulled)
+            state, g, after = self._remainder(body._replace(state=state), g, fraction * h, constants, pulled)
             work = work + (before + after)
         return state, g, work
 
@@ -223,7 +223,7 @@ class Splitting:
             state, g = turn(state, g, h / 2, constants)
         return state, g, work
 
-    def _rest(
+    def _remainder(
         self, body: Body, g: State, h: Array, constants: Constants, pulled: tuple[State, Any] | None
     ) -> tuple[State, State, Any]:
         state, gained = body.state, 0.0

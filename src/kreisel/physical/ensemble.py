@@ -60,7 +60,7 @@ def _of_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
     def constructor(cls: Any, *values: Any, **named: Any) -> Any:
         body, arguments = _created(functools.partial(function, cls), names, values, named)
         if isinstance(body, cls):
-            object.__setattr__(body, "_made", (cls, function.__name__, arguments))
+            object.__setattr__(body, "_construction", (cls, function.__name__, arguments))
         return body
 
     return constructor
@@ -70,7 +70,7 @@ def _created(call: Callable[..., Any], names: Sequence[str], values: tuple[Any, 
     """call(*values, **named), or the ensemble of its bodies; the arguments by name."""
     arguments = {**dict(zip(names, values, strict=False)), **named}
     lanes = _lanes(arguments) if len(arguments) == len(values) + len(named) else []
-    return Ensemble(_each(call, lanes)) if lanes else call(*values, **named), arguments
+    return Ensemble(_call_in_lanes(call, lanes)) if lanes else call(*values, **named), arguments
 
 
 @explained
@@ -113,16 +113,18 @@ class Varied(Body, metaclass=OfLanes):
     def _body_frame(self) -> BodyFrame:
         return self.model().body_frame
 
-    _made: tuple[Any, ...] = ()  # a class, its method and the arguments, from which the body was created
+    _construction: tuple[Any, ...] = ()  # a class, its method and the arguments, from which the body was created
 
     def _varied(self, changes: Sequence[Mapping[str, Any]]) -> Body:
         """The bodies with changed arguments, such as "mass" or "orbit.inclination", as lanes.  Raises `InputError`."""
-        owner, method, arguments = self._made or (type(self), "", _table(self))
+        owner, method, arguments = self._construction or (type(self), "", _table(self))
         call = getattr(owner, method) if method else owner
         usual = {name: p.default for name, p in inspect.signature(call).parameters.items() if p.default is not p.empty}
         arguments = usual | arguments
         return Ensemble(
-            _each(lambda changes: call(**_replaced(arguments, changes, "body")), [{"changes": c} for c in changes])
+            _call_in_lanes(
+                lambda changes: call(**_replaced(arguments, changes, "body")), [{"changes": c} for c in changes]
+            )
         )
 
 
@@ -214,7 +216,7 @@ class Ensemble(Body):
         """The bodies as lanes, with a common unit of time, and their model."""
         for differ in (False, True):
             self.members = [body._as_lane(self.bodies, differ) for body in self.bodies]
-            models = _each(lambda body: body.model(), [{"body": body} for body in self.members])
+            models = _call_in_lanes(lambda body: body.model(), [{"body": body} for body in self.members])
             first, frames = models[0], [model.body_frame for model in models]
             alike = len({model.system.name for model in models}) == 1 and all(f.is_like(frames[0]) for f in frames)
             if alike and len({tuple(v.shape for v in model.params.values()) for model in models}) == 1:
@@ -260,7 +262,7 @@ class Ensemble(Body):
                 f"state: expected one value for all, or one for each of {len(self)} lanes, got {len(lanes)}."
             )
         several = [{"body": body, "values": values} for body, values in zip(self.members, lanes, strict=True)]
-        states = _each(lambda body, values: body.state(**values), several)
+        states = _call_in_lanes(lambda body, values: body.state(**values), several)
         return joined(self._model, states)
 
     @property
@@ -284,7 +286,7 @@ def _functions(body: Any) -> tuple[Any, ...]:
     return (*out, steady, getattr(body, "potential", None), getattr(body, "damping", None) is None)
 
 
-def _each(call: Callable[..., Any], lanes: Sequence[Arguments]) -> list[Any]:
+def _call_in_lanes(call: Callable[..., Any], lanes: Sequence[Arguments]) -> list[Any]:
     """call(**arguments) of each lane.  Raises `InputError` with the lane."""
     out = []
     for lane, arguments in enumerate(lanes):

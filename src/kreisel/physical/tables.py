@@ -85,7 +85,7 @@ class Reader:
     def record(self, kind: Callable[..., Any], arguments: Table, where: str) -> Any:
         """The record of a table; None after a mistake."""
         before, table = len(self.faults.messages), dict(arguments)
-        measures = self._part(kind, table, where)
+        measures = self._measures(kind, table, where)
         call = self._constructor(kind, table, measures, where)
         if call is None:
             return None
@@ -99,7 +99,7 @@ class Reader:
             return call(**names, **values)
         return None
 
-    def _part(self, kind: Callable[..., Any], table: dict[str, Any], where: str) -> dict[str, Any]:
+    def _measures(self, kind: Callable[..., Any], table: dict[str, Any], where: str) -> dict[str, Any]:
         """Mass, inertia and centre of mass from the file that a table names, whose arguments are removed from it."""
         for reader in READERS:
             first, *_ = names = list(inspect.signature(reader).parameters)

@@ -168,7 +168,7 @@ class Spins:
         self._z, self._c, self._kick, self._count = self._state[:-1], c, kick, int(sim.N)
         self._rotors = np.array([rotor(row) for row in c])
         self._frame, self._hooks = np.zeros(len(compiled.FRAME), dtype=np.int64), dict[Any, Any]()
-        self._known: Pairs | None = None
+        self._last_pairs: Pairs | None = None
         self._arrays = dict[str, Array]()
         self._check()
 
@@ -360,9 +360,9 @@ class Spins:
     def _pairs(self, h: float) -> Pairs:
         sim, masses = self.sim, self._particles()[:, 9]
         key = h, sim.G, int(min(self._count, sim.N_active)), sim.testparticle_type, masses.tobytes()
-        if self._known is None or self._known.key != key:
-            self._known = Pairs.of(key, masses, self._index, self._c)
-        return self._known
+        if self._last_pairs is None or self._last_pairs.key != key:
+            self._last_pairs = Pairs.of(key, masses, self._index, self._c)
+        return self._last_pairs
 
     def _field(self, name: str, kind: Any) -> Array:
         where = ctypes.addressof(self.sim) + getattr(type(self.sim), name).offset

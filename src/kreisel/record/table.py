@@ -337,6 +337,7 @@ def require_within(model: Model, begin: float, end: float) -> None:
         if exceeded:
             remedy = "a longer span of the orbit" if name == "path" else "more times"
             raise InputError(
-                f"{name}: expected a table for all times of the run, {begin * unit:g} to {end * unit:g}, got one from "
-                f"{t[0]:g} to {t[-1]:g}. Use a shorter run, {remedy}, or kr.Table(..., hold=True), which keeps its ends."
+                f"{name}: expected a table for all times of the run, {begin * unit:g} to {end * unit:g}, got one "
+                f"from {t[0]:g} to {t[-1]:g}. Use a shorter run, {remedy}, or kr.Table(..., hold=True), which keeps "
+                "its ends."
             )

@@ -103,21 +103,21 @@ def differentiable(
         from kreisel.kernels import jax_numbers as by
         from kreisel.reduction.double import double, require_double
 
-        count = _whole(by, steps, "steps", MOST_STEPS)
-        between = count if every is None else _whole(by, every, "every", count)
+        count = _integer(by, steps, "steps", MOST_STEPS)
+        between = count if every is None else _integer(by, every, "every", count)
         if count % between:
             raise InputError(f"steps: expected a multiple of every = {between}, got {count}.")
         step = step_with(bool(parameters))
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
-            start = _at_times(by, model, _given(by, model, state, oriented, begin), dt, time, count)
+            start = _at_times(by, model, _start_of(by, model, state, oriented, begin), dt, time, count)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             return {k: v if every is not None else v[-1] for k, v in rows.items()}
 
     return motion
 
 
-def _whole(by: Any, value: Any, name: str, most: int) -> int:
+def _integer(by: Any, value: Any, name: str, most: int) -> int:
     if by.is_traced(value):
         raise InputError(
             f"{name}: expected an integer that is known when JAX traces, got {shown(value)}. Use "
@@ -320,7 +320,7 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
     return {k: by.mixed(v) for k, v in constants.items()}
 
 
-def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begin: Array | None) -> Parts:
+def _start_of(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begin: Array | None) -> Parts:
     """The components, and the orientation, if any, as arrays.  Raises `InputError`."""
     space, out = model.system.space, []
     if oriented and ORIENTATION not in state and begin is not None:

@@ -202,9 +202,7 @@ def choice_of(
         return [choice]
     out = []
     for i in range(len(lanes[0])):
-        start = {
-            letter: component[i : i + 1] for letter, component in zip(model.system.space.letters, lanes, strict=True)
-        }
+        start = {letter: z[i : i + 1] for letter, z in zip(model.system.space.letters, lanes, strict=True)}
         g = None if orientation is None else initial_orientation(orientation, model)
         g = g if g is None or g.ndim == (1 if model.n == 3 else 2) else g[i]
         out += choice_of(model.lanes(np.array([i])), model.state(**start), settings, g, every_lane=False)

@@ -250,7 +250,7 @@ class Verified(LocalStore):
 
     def __init__(self, root: Path | str, listed: Listed, partial: bool = False, files: dict[str, Buffer] | None = None):
         super().__init__(root, read_only=True)
-        self._known, self._partial, self._files = listed, partial, files or {}
+        self._listed, self._partial, self._files = listed, partial, files or {}
         self._seen: dict[str, tuple[int, ...]] = {}
 
     def with_read_only(self, read_only: bool = False) -> Verified:
@@ -264,7 +264,7 @@ class Verified(LocalStore):
 
     def verify(self, key: str) -> None:
         """Compare a file with its checksum, again only if it changes."""
-        path, digests = self.root / key, self._known.get(key)
+        path, digests = self.root / key, self._listed.get(key)
         try:
             status = os.lstat(path)
             if digests is None:
@@ -287,7 +287,7 @@ class Verified(LocalStore):
         """The file from Zarr's store, if it has not changed.  Raises `InputError`."""
         if key in self._files:
             return MemoryStore(self._files).get_sync(key, prototype=prototype, byte_range=byte_range)
-        if self._partial and key not in self._known and archive.is_chunk(key):
+        if self._partial and key not in self._listed and archive.is_chunk(key):
             return None
         self.verify(key)
         return super().get_sync(key, prototype=prototype, byte_range=byte_range)

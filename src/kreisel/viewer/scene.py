@@ -108,7 +108,7 @@ class Shown:
         tensor = bodies.gyration(self.model, self.carried[0] @ self.axes)
         return None if tensor is None else self.axes @ tensor @ self.axes.T
 
-    def _made(self, usual: str, axis: Array, tensor: Array | None, size: float) -> Body:
+    def _drawn_body(self, usual: str, axis: Array, tensor: Array | None, size: float) -> Body:
         body, frame = self._asked, self.record.body_frame
         if body is None and usual != "top" and frame.shape:
             kind, *half = frame.shape
@@ -139,7 +139,7 @@ class Shown:
         size = ON_ITS_PATH * (float(np.linalg.norm(self.tip, axis=-1).max()) or 1.0)
         tensor = self._inertia()
         axis, word = self._marked(tensor)
-        self.body = self._made("ellipsoid", axis, tensor, size)
+        self.body = self._drawn_body("ellipsoid", axis, tensor, size)
         self.kind, self.nose, self.frame = "path", 1.4 * size * axis, np.eye(3)
         self.turn = attitude_of(self.run)
         self.legend["tip"] = f"{word} of {self.subject}"
@@ -150,7 +150,7 @@ class Shown:
         axis = orbits.axis_of_pointing(self.run, axis)
         self.kind, self.frame, self.around, self.turn, self.axis = "satellite", np.eye(3), around, q, axis
         self.model = orbits.satellite_model(self.run)  # also of a satellite with a controller, whose own model has code
-        self.body = self._made("satellite", axis, self._inertia(), 0.82)
+        self.body = self._drawn_body("satellite", axis, self._inertia(), 0.82)
         self.tip = algebra.rotation_matrix(q) @ axis
         self.arrows = orbits.directions(around)
         if not isinstance(target, str) or target not in self.arrows:
@@ -172,12 +172,12 @@ class Shown:
         if axis is None or not axis.any():
             axis, word = self._marked(inertia)
             axis = 0.98 * size * axis
-            self.body = self._made("ellipsoid", axis, inertia, 0.9 * size)
+            self.body = self._drawn_body("ellipsoid", axis, inertia, 0.9 * size)
             self.legend["tip"] = f"{word} of {self.subject}"
             self.note = f"T{self.subject[1:]} of the body, rotating about its centre, and the trace of its {word}."
         else:
             axis = size * axis / np.linalg.norm(axis)
-            self.body = self._made("top", axis, inertia, 0.94 * size)
+            self.body = self._drawn_body("top", axis, inertia, 0.94 * size)
             self.legend["tip"] = self._axis_along() if self.space else "axis of the body, in space"
             self.note = "The body rotating about its point, and the trace of its axis."
             if self.space:
@@ -193,7 +193,7 @@ class Shown:
         self.kind, self.tip = "body", self.carried @ S.T
         self.legend["tip"] = self._axis_along()
         self.axis = np.array([0.0, 0.0, size])
-        self.body = self._made("top", self.axis, None, 0.94 * size).plain()
+        self.body = self._drawn_body("top", self.axis, None, 0.94 * size).plain()
         x, y, z = (self.tip / size).T  # the least rotation from (0, 0, 1): axis (-y, x, 0), w^2 = (1 + z)/2
         q = np.stack([1 + z, -y, x, 0 * z], -1)
         q[(1 + z) < 1e-12] = (0.0, 1.0, 0.0, 0.0)
@@ -210,7 +210,7 @@ class Shown:
         inertia = self._inertia()
         S = np.eye(3) if axis is None else geometry.to_third_axis(axis / np.linalg.norm(axis))
         usual, shown_axis = ("ellipsoid", self._marked(inertia)[0]) if axis is None else ("top", axis)
-        self.body = self._made(usual, shown_axis, inertia, 0.8 * size)
+        self.body = self._drawn_body(usual, shown_axis, inertia, 0.8 * size)
         self.tip = self.carried @ S.T
         self.turn = algebra.unit_quaternion(S)[None]
         self.legend["tip"] = f"{self.word}, seen from the body"

@@ -37,7 +37,7 @@ class Source:
 
     def __init__(self, path: Path, lane: Any = None):
         complete = path.with_suffix("") if path.suffix == ".part" else path
-        self._whole, self._part, self._lane = complete, complete.with_name(complete.name + ".part"), lane
+        self._complete, self._unfinished, self._lane = complete, complete.with_name(complete.name + ".part"), lane
         self._lock = threading.Lock()
         self._seen: Any = ()
         self._scene: dict[str, Any] = {}
@@ -49,7 +49,9 @@ class Source:
             mark = self._mark()
             if mark != self._seen:
                 try:
-                    self._scene = scene(open_rows(self._part if self._part.exists() else self._whole), self._lane)
+                    self._scene = scene(
+                        open_rows(self._unfinished if self._unfinished.exists() else self._complete), self._lane
+                    )
                     self._seen = mark
                 except (InputError, RunError, OSError):
                     if not self._scene:
@@ -57,7 +59,7 @@ class Source:
             return hashlib.sha256(repr(self._seen).encode()).hexdigest()[:16], self._scene
 
     def _mark(self) -> Any:
-        for store in (self._part, self._whole):
+        for store in (self._unfinished, self._complete):
             for name in ("engine/checkpoint", "zarr.json"):
                 files = sorted(store.glob(f"{name}*"))
                 if files:

@@ -65,7 +65,7 @@ class ClosedForm:
         self.z, self._orbits = np.array(z0, dtype=np.float64), scheme.orbits
         self._scheme, self._start, self._reach, self._unit = scheme, self.z.copy(), reach, dt
         self._done, self._jumped = 0, jumps.ROWS * every if isinstance(self._orbits.jump, Spin) else 0
-        self._known: dict[int, OrbitRows | Samples] = {}
+        self._rows_of_lanes: dict[int, OrbitRows | Samples] = {}
         self._compiled: tuple[list[int], Kernel] | None = None
 
     @cached_property
@@ -81,9 +81,9 @@ class ClosedForm:
     def _lanes(self, which: Iterable[int]) -> dict[int, OrbitRows | Samples]:
         """The orbits of some lanes, set up in many digits.  Raises `InputError` if there is no closed form."""
         which, scheme, lanes = list(which), self._scheme, len(self._start)
-        new = [lane for lane in which if lane not in self._known]
+        new = [lane for lane in which if lane not in self._rows_of_lanes]
         if not new:  # of no lane 17 us too
-            return {lane: self._known[lane] for lane in which}
+            return {lane: self._rows_of_lanes[lane] for lane in which}
         kinds, constants = scheme.kinds, dict[str, Array]()
         starts = algebra.restore(self._start.copy(), kinds, scheme.n)
         for name, value in scheme.constants.items():
@@ -92,10 +92,10 @@ class ClosedForm:
         for lane in new:
             values = {name: value[lane] for name, value in constants.items()}
             orbit = self._orbits.orbit(tuple(component[lane] for component in starts), values, self._reach)
-            self._known[lane] = (
+            self._rows_of_lanes[lane] = (
                 OrbitRows(orbit, *self._kernel(orbit, kinds)) if isinstance(orbit, Orbit) else Samples(orbit, kinds)
             )
-        return {lane: self._known[lane] for lane in which}
+        return {lane: self._rows_of_lanes[lane] for lane in which}
 
     def _kernel(self, orbit: Orbit, kinds: list[str]) -> tuple[list[int], Kernel]:
         """The scalars of a place that are used, and the kernel of all lanes."""
@@ -205,7 +205,7 @@ class OrbitRows:
         store = np.empty(math.prod(shape) + 7)
         first = -store.ctypes.data % 64 // 8  # with a line of the cache, 64 bytes
         self._table = store[first : first + math.prod(shape)].reshape(shape)
-        self._known = np.zeros(len(self._table), dtype=np.int64)  # 1 if it is
+        self._computed = np.zeros(len(self._table), dtype=np.int64)  # 1 if it is
         self._sparse: dict[int, Array] = {}
         self._one_at_a_time = Lock()  # scalars in many digits change their context
         self._kernel = kernel
@@ -233,7 +233,7 @@ class OrbitRows:
         """The states at these phases (rows, 3) into out[:, lane]."""
         needed, where = np.unique(self._nearest(phases[:, 0]), return_inverse=True)
         if len(self._table):
-            for j in needed[self._known[needed] == 0].tolist():
+            for j in needed[self._computed[needed] == 0].tolist():
                 self._place(np.uint64(j << (64 - self.orbit.places)))
             table, where = self._table, needed[where]
         else:
@@ -249,9 +249,9 @@ class OrbitRows:
     def _place(self, phase: Array) -> None:
         j = int(self._nearest(np.asarray([phase]))[0])
         with self._one_at_a_time:
-            if not self._known[j]:
+            if not self._computed[j]:
                 self._table[j] = self._numbers(j)
-                self._known[j] = 1
+                self._computed[j] = 1
 
     def _numbers(self, j: int) -> Array:
         """The polynomials of place j that the kernel needs, in multiples of LANES."""
@@ -272,7 +272,7 @@ class OrbitRows:
     ) -> int:
         """The kernel, up to a row whose place is not known; its number."""
         listed = [np.empty(0) if v is None else np.ascontiguousarray(v) for v in (phases, where)]
-        arrays = [*listed, self._known, table, circle(), self._constants]
+        arrays = [*listed, self._computed, table, circle(), self._constants]
         addresses = [address_of(array) for array in arrays]
         words = [*addresses, self.orbit.places, address_of(out), lane, out.shape[1], first, last, 0]
         frame = np.array([*at.view(np.int64).flat, *step.view(np.int64).flat, *words])
@@ -324,7 +324,7 @@ class _Rows:
         self._frame = f.integers(f.arguments[0])
         words = dict(zip(ARGUMENTS, self._frame.get(len(ARGUMENTS), WORDS), strict=True))
         self._words: dict[str, Integer] = words
-        self._phases, self._where, self._known = (f.integers(words[name]) for name in ("phases", "where", "known"))
+        self._phases, self._where, self._computed = (f.integers(words[name]) for name in ("phases", "where", "known"))
         self._table, self._circle, self._out = (f.doubles(words[name]) for name in ("table", "circle", "out"))
 
     def write(self, record: RowKernel) -> None:
@@ -333,9 +333,9 @@ class _Rows:
         count, start, stopped = f.variables(3, INTEGER)
         used = [0, *turns]
         self._room = f.room(record._begin + len(outputs) * WIDTH)
-        self._u, self._x, self._part = f.room(len(used) * WIDTH, INTEGER), f.room(WIDTH), f.room(WIDTH, INTEGER)
+        self._u, self._x, self._part_index = f.room(len(used) * WIDTH, INTEGER), f.room(WIDTH), f.room(WIDTH, INTEGER)
         for row in range(WIDTH):  # rows that a last block does not have are computed too
-            self._x[row], self._part[row] = 0.0, 0
+            self._x[row], self._part_index[row] = 0.0, 0
         constants = f.doubles(words["constants"])
         fixed, values = independent(graph, record._nodes, "c"), dict[int, Value]()
         for at in fixed:
@@ -355,7 +355,7 @@ class _Rows:
             count[0] = (words["last"] - start[0]).least(WIDTH)
             with f.otherwise(words["phases"].compared("!=", 0)) as (listed, evenly):
                 with listed, f.loop(0, count[0]) as i:
-                    self._part[i] = self._where[start[0] + i]
+                    self._part_index[i] = self._where[start[0] + i]
                     for place, k in enumerate(used):
                         self._u[i + place * WIDTH] = self._phases[(start[0] + i) * 3 + k]
                 with evenly:
@@ -385,11 +385,11 @@ class _Rows:
 
         with f.while_(unfinished):
             j = (self._u[row[0]] + half) >> shift
-            with f.otherwise(self._known[j].compared("==", 0)) as (missing, present):
+            with f.otherwise(self._computed[j].compared("==", 0)) as (missing, present):
                 with missing:
                     count[0], stopped[0] = row[0], 1
                 with present:
-                    self._part[row[0]] = j
+                    self._part_index[row[0]] = j
                     row[0] = row[0] + 1
 
     def _block(
@@ -450,7 +450,7 @@ class _Rows:
     def _polynomials(self, i: Integer) -> None:
         """The scalars of the places of rows i, i + 1, ..., by Horner's rule with fused products."""
         groups = -(-self._numbers // LANES)
-        starts = [self._part[i + r] * (self._terms * groups * LANES) for r in range(LANES)]
+        starts = [self._part_index[i + r] * (self._terms * groups * LANES) for r in range(LANES)]
         arguments = [self._f.spread(self._x[i + r], VECTOR) for r in range(LANES)]
 
         def numbers(row: int, k: int, group: int) -> Value:

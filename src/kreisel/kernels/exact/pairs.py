@@ -81,12 +81,12 @@ class Paths(Formulas):
 
     def start(self, z: Array, inputs: Any, x: Array) -> list[Any]:
         """mu and the vectors at iy, from y and mu."""
-        state, constants = self._known(z, inputs, lambda v: v)
+        state, constants = self._converted(z, inputs, lambda v: v)
         return [*x[1:], *self._vectors(state, constants, Complex(0.0, x[0]), Complex(*x[1:]))[0]]
 
     def follow(self, z: Array, inputs: Any, x: Array, vectors: Array) -> list[Any]:
         """mu, vectors and fields at y, x t from the vectors at a node before; x: y, x, t."""
-        state, constants = self._known(z, inputs, lambda v: v)
+        state, constants = self._converted(z, inputs, lambda v: v)
         y, re, im, t = x
         lam = Complex(re * t, y + im * t)
 
@@ -103,7 +103,7 @@ class Paths(Formulas):
 
     def add(self, z: Array, inputs: Any, x: Array, vectors: Array, total: Array) -> list[Any]:
         """The integrals of fields and Omega after a node, double-doubles; x: y, x, t, weight."""
-        state, constants = self._known(z, inputs, DoubleDouble)
+        state, constants = self._converted(z, inputs, DoubleDouble)
         re, (t, weight) = DoubleDouble(x[1]), (DoubleDouble(*x[k : k + 2]) for k in (3, 5))
         lam = Complex(re * t, DoubleDouble(x[0]))
         mu = self._quotient(state, constants, lam, complex_values([DoubleDouble(v) for v in vectors[2:]]))
@@ -122,7 +122,7 @@ class Paths(Formulas):
         dual  (d, most): of the fields at the starts
         none  1 for each missing pair
         """
-        state, constants = self._known(z, inputs, DoubleDouble)
+        state, constants = self._converted(z, inputs, DoubleDouble)
         sums, time = [DoubleDouble(*pair) for pair in total.reshape(-1, 2)], DoubleDouble(h[0])
         flow = algebra.flatten(call(self.system.flow, state, constants), self.kinds)
         miss = [upper(time * f - s) for f, s in zip(flow, sums, strict=False)]
@@ -357,12 +357,12 @@ class Points(Formulas):
         ]
 
     def _of_time(self, z: Array, inputs: Any, x: Array) -> list[Any]:
-        state, constants = self._known(z, inputs, DoubleDouble)
+        state, constants = self._converted(z, inputs, DoubleDouble)
         point, sound = call(self.map.point, state, {**constants, "dt": x[0]})
         return [*self._of_point(z, inputs, algebra.parts(point)), sound]
 
     def _of_point(self, z: Array, inputs: Any, x: Any) -> list[Any]:
-        state, constants = self._known(z, inputs, lambda v: v)
+        state, constants = self._converted(z, inputs, lambda v: v)
         return [*x, *algebra.parts(call(self.map.level, state, {**constants, "z": Complex(*x)}))]
 
     def __call__(self, z: Floats, c: Floats, x: Floats) -> Floats:

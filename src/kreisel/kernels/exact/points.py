@@ -105,7 +105,7 @@ class Formulas:
         letters = [(k, self.places[k].stop - self.places[k].start) for k in names]
         return self._record(values, *letters), changed
 
-    def _known(self, z: Array, inputs: dict[str, Array], kind: Any) -> tuple[tuple[Array, ...], dict[str, Array]]:
+    def _converted(self, z: Array, inputs: dict[str, Array], kind: Any) -> tuple[tuple[Array, ...], dict[str, Array]]:
         """State and constants of a kind of number."""
         wide = np.frompyfunc(kind, 1, 1)
         constants = {k: wide(v) for k, v in inputs.items()} | {"n": np.asarray(self.n)}
@@ -171,7 +171,7 @@ class Choice(Formulas):
         They are sizes that components have or reach before the body rotates by about a radian: M may be far smaller
         than it soon becomes; Newton's method must not solve for its last places then.
         """
-        state, constants = self._known(z, inputs, lambda v: v)
+        state, constants = self._converted(z, inputs, lambda v: v)
         rates, velocity = call(self.system.flow, state, constants), self.system.velocity
         turns = [y[0] if velocity is None else call(velocity, y, constants) for y in (state, rates)]
         now, later = (algebra.sqrt((turn * turn).sum()) for turn in turns)
@@ -182,16 +182,16 @@ class Choice(Formulas):
             unit = largest(size, time * soon)
             units.append(algebra.objects([algebra.where_less(0, unit, unit, 1.0)] * component.size, component.shape))
         units = algebra.flatten(units, self.kinds)
-        exact = algebra.flatten(call(self.system.flow, *self._known(z, inputs, DoubleDouble)), self.kinds)
+        exact = algebra.flatten(call(self.system.flow, *self._converted(z, inputs, DoubleDouble)), self.kinds)
         return [*(upper(f) / unit for f, unit in zip(exact, units, strict=True)), *units, rate]  # 0 where terms cancel
 
     def _heights(self, z: Array, inputs: Any) -> list[Any]:
-        state, constants = self._known(z, inputs, lambda v: v)
+        state, constants = self._converted(z, inputs, lambda v: v)
         return [x for row in call(self.pairs.heights, state, constants) for x in row]
 
     def _spectrum(self, z: Array, inputs: Any, x: Array) -> list[Any]:
         """Im mu of the branches at iy, and a number that is positive if they may be used."""
-        state, constants = self._known(z, inputs, lambda v: v)
+        state, constants = self._converted(z, inputs, lambda v: v)
         if self.pairs.spectrum is None:
             i = Complex(0.0, 1.0)
             return [*(-m for m in levels(i * self._of_pairs("matrix", state, constants, i * x[0]))), 1.0]
@@ -200,7 +200,7 @@ class Choice(Formulas):
 
     def _level(self, z: Array, inputs: Any, x: Array) -> list[Any]:
         """mu, the left vector with <p, S q> = 1, L' q, the real field at iy; x: y, the distance of a pole, Im mu."""
-        state, constants = self._known(z, inputs, lambda v: v)
+        state, constants = self._converted(z, inputs, lambda v: v)
         y, pole, m = x
         lam, near = Complex(0.0, y), BESIDE * pole
         vectors, _ = self._vectors(state, constants, lam, Complex(0.0, m))

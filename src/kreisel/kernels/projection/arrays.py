@@ -116,13 +116,13 @@ class Observed:
         sizes = [(letter, kind, algebra.KINDS[kind].count(scheme.n)) for letter, kind in scheme.components]
         self._kinds = [kind for _, kind, _ in sizes]
         self.size = sum(size for letter, _, size in sizes if letter in scheme.outcomes and letter != ORIENTATION)
-        self._known = [self._constants(lane) for lane in range(len(z))]
+        self._constants_of_lanes = [self._constants(lane) for lane in range(len(z))]
         in_form, self.members = reused(
-            None if scheme.kernel_key is None else (Observed, scheme.kernel_key), self._found
+            None if scheme.kernel_key is None else (Observed, scheme.kernel_key), self._form_and_members
         )
         self.function = scheme.conserved if in_form and scheme.conserved else scheme.observe
 
-    def _found(self) -> tuple[bool, dict[str, Array]]:
+    def _form_and_members(self) -> tuple[bool, dict[str, Array]]:
         """Whether the definitions are known in the form of the kernel, and the members."""
         if self.scheme.conserved is not None:
             self.function = self.scheme.conserved
@@ -141,7 +141,7 @@ class Observed:
 
     def at(self, row: Any, lane: int) -> dict[str, Array]:
         """The conserved variables at z[lane] with the values of `row` in place of its first ones."""
-        return self._at(row, lane, self._known[lane])
+        return self._at(row, lane, self._constants_of_lanes[lane])
 
     def _at(self, row: Any, lane: int, constants: Mapping[str, Array]) -> dict[str, Array]:
         parts: list[Array] = []
@@ -156,7 +156,7 @@ class Observed:
         if self.function is self.scheme.observe:
             return {name: np.arange(np.size(value)) for name, value in self.at(self.z[0, : self.size], 0).items()}
         draw, out = np.random.default_rng(0), {}
-        constants = {name: draw.normal(size=np.shape(value)) for name, value in self._known[0].items()}
+        constants = {name: draw.normal(size=np.shape(value)) for name, value in self._constants_of_lanes[0].items()}
         first, second = (self._at(draw.normal(size=self.size), 0, constants) for _ in range(2))
         for name, value in first.items():
             a, b = np.ravel(value), np.ravel(second[name])

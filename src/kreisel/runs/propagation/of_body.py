@@ -88,7 +88,7 @@ class BodyPropagator:
             out[..., place, place] = matrices[letter]
         return np.diagonal(out).copy() if out.ndim < 3 and np.array_equal(out, np.diag(np.diagonal(out))) else out
 
-    def _given(self, state: Any) -> Any:
+    def _in_model_units(self, state: Any) -> Any:
         """A state in the units and along the axes of the model.  Raises `InputError`."""
         if type(state) is np.ndarray and state.dtype == np.float64:
             return self._changed(state, self._into)
@@ -149,18 +149,18 @@ class BodyPropagator:
     def steps(self, state: Any, n: int, every: int | None = None, time: Any = None, **parameters: Any) -> Any:
         """The state after n steps of dt, as `Propagator.steps`; `parameters` such as dipole along the axes given."""
         begun, values = None if time is None else self._time(time, "time"), self._parameters(parameters)
-        return self._returned(self._motion.steps(self._given(state), n, every, begun, **values), state)
+        return self._returned(self._motion.steps(self._in_model_units(state), n, every, begun, **values), state)
 
     @explained
     def at(self, state: Any, times: Any) -> Any:
         """The state at a time, or at times (times,) along a first axis, as `Propagator.at`."""
-        return self._returned(self._motion.at(self._given(state), self._time(times)), state)
+        return self._returned(self._motion.at(self._in_model_units(state), self._time(times)), state)
 
     @explained
     def to(self, state: Any, times: Any, time: Any = 0.0, **parameters: Any) -> Any:
         """The state at a time, or at times in order, from the state at `time`, as `Propagator.to`."""
         ends, begun, values = self._time(times), self._time(time, "time"), self._parameters(parameters)
-        return self._returned(self._motion.to(self._given(state), ends, begun, **values), state)
+        return self._returned(self._motion.to(self._in_model_units(state), ends, begun, **values), state)
 
     @explained
     def until(
@@ -172,7 +172,7 @@ class BodyPropagator:
             return quantity(self._returned(x, state))
 
         begun, last = self._time(time, "time"), self._time(end, "end")
-        result = self._motion.until(self._given(state), measure, last, time=begun, rising=rising)
+        result = self._motion.until(self._in_model_units(state), measure, last, time=begun, rising=rising)
         return Crossing(self._returned(result.state, state), result.time * self._frame.time_unit, result.crossed)
 
     def __reduce__(self) -> Any:  # kernels keep their addresses

@@ -430,7 +430,7 @@ class Course:
         return chain, chain.argument(links.index(self._main), 3)
 
     @cached_property
-    def _whole(self) -> tuple[Chain, Any]:
+    def _joined(self) -> tuple[Chain, Any]:
         return self._chain([link for links in self._links for link in links])
 
     @cached_property
@@ -449,7 +449,7 @@ class Course:
                 self.engines[0].z[:, self._time] = time
             before.call()
         else:
-            chain, counted = self._whole
+            chain, counted = self._joined
         if projection is not None:
             projection.begin(count)
         counted[0], self.doubtful = count, False
