@@ -161,14 +161,14 @@ def require_file(path: Path, overwrite: bool = True) -> None:
     require_outside(path)
     if not stands(path):
         return
+    if not _wrote(path):
+        raise InputError(
+            f"{path} is unchanged: expected nothing there or a file that Kreisel wrote and marked, got something else. "
+            "Choose another name, or move it away."
+        )
     if not overwrite:
         raise InputError(
             f"{path} exists already and is unchanged. Choose another name, or overwrite=True (--overwrite)."
-        )
-    if not _wrote(path):
-        raise InputError(
-            f"{path} is unchanged: expected nothing there or a file that Kreisel wrote, got something else. Choose "
-            "another name, or move it away."
         )
 
 

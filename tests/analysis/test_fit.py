@@ -236,6 +236,8 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"observations": 3}, "expected an xarray.Dataset"),
     ({"observations": seen(TIME, b=TIME)}, "got 'b'"),
     ({"observations": seen(TIME, a=TIME)}, r"expected a of the shape \(5, 3\), got \(5,\)"),
+    ({"observations": seen(TIME, **{"a[3]": TIME})}, r"a\[3\]: expected indices, .* within the shape \(3,"),
+    ({"observations": seen(TIME, **{"Omega[0, 1]": TIME})}, r"Omega\[0, 1\]: expected indices"),
     ({"observations": seen(TIME - 1, a=np.zeros((5, 3)))}, "before the start"),
     ({"observations": seen(TIME.astype("M8[s]"), a=np.zeros((5, 3)))}, "timedelta64"),
     ({"observations": seen(TIME, a=np.zeros((5, 3)), sigma_a=0.0)}, "expected sigma_a > 0"),

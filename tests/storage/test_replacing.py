@@ -254,7 +254,17 @@ def test_pages(top: Any, x0: Any, tmp_path: Path) -> None:
     page.unlink()
     for _ in range(2):
         kr.view(run).save(page)
+    with pytest.raises(kr.InputError, match=r"ends in \.html, got 'top\.png'"):
+        kr.view(run).save(tmp_path / "top.png")
     assert [p.name for p in tmp_path.iterdir()] == ["top.html"]
+
+
+def test_no_message_advises_to_replace_a_file_without_a_mark(top: Any, x0: Any, tmp_path: Path) -> None:
+    run, table = kr.simulate(top, x0, **OPTIONS), tmp_path / "top.csv"  # of plain text, which has no room for a mark
+    kr.export(run, table)
+    for overwrite in (False, True):
+        with pytest.raises(kr.InputError, match="Choose another name, or move it away"):
+            kr.export(run, table, overwrite=overwrite)
 
 
 def test_a_reader_does_not_settle_what_a_writer_does(top: Any, x0: Any, tmp_path: Path) -> None:

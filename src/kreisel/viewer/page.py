@@ -155,9 +155,11 @@ class View:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page; a page that Kreisel wrote is replaced.
 
-        Raises `InputError` if anything else has that name, and `RunError` if the disk refuses.
+        Raises `InputError` for other names, and if anything else has that name; `RunError` if the disk refuses.
         """
         target = place(path, "The page needs a name such as top.html")
+        if target.suffix.lower() not in (".html", ".htm"):
+            raise InputError(f"The page needs a name that ends in .html, got {target.name!r}.")
         with written(target) as scratch:
             scratch.write_text(self.html, encoding="utf-8")
         return target
