@@ -140,7 +140,7 @@ class Reader:
         parameters = {k: p for k, p in inspect.signature(call).parameters.items() if k != "self"}
         needed = [k for k, p in parameters.items() if p.default is p.empty and p.kind is not p.VAR_KEYWORD]
         names = [k for k, p in parameters.items() if p.kind is not p.VAR_KEYWORD]
-        if len(names) < len(parameters):  # **more are options of the class
+        if len(names) < len(parameters):  # **options are arguments of the class
             options = inspect.signature(_type_of(call, inspect.signature(call).return_annotation)).parameters
             names += [k for k, p in options.items() if p.default is not p.empty and k not in names]
         for key in table:
