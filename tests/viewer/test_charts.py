@@ -14,6 +14,7 @@ from kreisel import analysis
 from kreisel.lab import exact
 from kreisel.system import REGISTRY
 from kreisel.viewer import charts
+from kreisel.viewer.plots import sweep_figure
 from kreisel.viewer.style import THEMES
 from support import ROOT
 
@@ -24,6 +25,19 @@ PLANES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 def run():
     top = kr.LagrangeTop(p=(0, 0, 1))
     return kr.simulate(top, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.05, steps=2000, progress=False)
+
+
+def test_a_sweep_shows_the_entry_that_varies_most(tmp_path):
+    """A matrix in so(4), whose last entry, of the diagonal, is 0."""
+    start = np.triu([[0, 1, 2, 3], [0, 0, 1, 2], [0, 0, 0, 1], [0, 0, 0, 0]]) / 3.0
+    body = kr.EulerTop(J=(1.0, 2.0, 3.0, 4.0))
+    design = kr.Design(together={"system.J[0]": [1.0, 1.1]})
+    options = {"dt": 0.1, "steps": 20, "workers": 0, "path": tmp_path / "sweep.zarr"}
+    swept = kr.sweep(body, {"M": start - start.T}, design, **options)
+    widest = np.abs(swept.M_max.values - swept.M_min.values).sum(0)
+    place = np.argwhere(widest == widest.max())[0]
+    labels = [axes.get_ylabel() for axes in sweep_figure(swept).axes]
+    assert f"M[{place[0]}, {place[1]}]: max - min" in labels and place[0] != place[1]
 
 
 def drawn(figure):

@@ -393,12 +393,11 @@ def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
     highest = [str(name) for name in run.variables if str(name).endswith("_max") and name != "g_max"]
     for letter in (name.removesuffix("_max") for name in highest[-1:]):
         value = np.asarray(run[f"{letter}_max"].values) - np.asarray(run[f"{letter}_min"].values)
-        last = f"[{value.shape[1] - 1}]" if value.ndim == 2 else ""
-        out[f"{letter}{last}: max - min"] = value.reshape(len(value), -1)[:, -1]
+        place = np.unravel_index(np.nan_to_num(value).sum(0).argmax(), value.shape[1:])  # of the entry that varies most
+        entry, at = f"{letter}[{', '.join(map(str, place))}]" if place else letter, (slice(None), *place)
+        out[f"{entry}: max - min"] = value[at]
         if f"{letter}_frequency" in run.variables:
-            out[f"{letter}{last}: frequency"] = np.asarray(run[f"{letter}_frequency"].values).reshape(len(value), -1)[
-                :, -1
-            ]
+            out[f"{entry}: frequency"] = np.asarray(run[f"{letter}_frequency"].values)[at]
     drifts = [v for k, v in run.variables.items() if str(k).endswith("_drift")]
     kept = [v.values for v in drifts if "not conserved" not in str(v.attrs.get("long_name"))]
     if kept:

@@ -59,7 +59,7 @@ const Charts = (() => {
       const y = strip.range ? { ...axis, size: TICK, filter: (u, all) => all, splits: (u) => this.decades(strip.range, u.bbox.height / devicePixelRatio), values: (u, all) => all.map((v) => `1e${Math.round(Math.log10(v))}`) } : { ...axis, size: TICK, space: 22 };
       strip.plot = new Library.uPlot({
         ...this.shape(last), legend: { show: false }, cursor: { show: false }, focus: { alpha: 0.12 },
-        padding: [4, 14, last ? 0 : 4, 0], scales: { x: { time: false, range: () => this.ends() }, y: log },
+        padding: [4, 26, last ? 0 : 4, 0], scales: { x: { time: false, range: () => this.ends() }, y: log },
         axes: [last ? { ...axis, label: this.D.clock.label, labelSize: 16, labelFont: FONT, size: 26, labelGap: 0 } : { ...axis, size: 0, values: () => [], ticks: { show: false } }, y],
         series: [{}, ...strip.lines], hooks: { drawClear: [(u) => this.shade(u, strip)], draw: [(u) => this.marks(u, last)] },
       }, strip.data, holder);
