@@ -262,7 +262,7 @@ def test_mutants(mutant: str, least: float, monkeypatch: pytest.MonkeyPatch) -> 
     if mutant == "constant":
         points = conjugate.constants
         monkeypatch.setattr(
-            conjugate, "constants", lambda *a: (lambda p, t: (p * [[1 + 1e-12], [1], [1], [1]], t))(*points(*a))
+            conjugate, "constants", lambda *a: (lambda p, t: (p * [1 + 1e-12, 1, 1, 1], t))(*points(*a))
         )
     record = model.system.pairs
     swapped = {
@@ -373,13 +373,36 @@ def test_points_of_a_batch_are_those_of_its_lanes(monkeypatch: pytest.MonkeyPatc
     points, turns = conjugate.constants(model, start, 0.5)
     for lane in range(len(M)):
         single, turn = conjugate.constants(model, tuple(z[lane] for z in start), 0.5)
-        count = single.shape[-1]
-        assert (points[lane, :, :count] == single).all()
+        count = len(single)
+        assert (points[lane, :count] == single).all()
         assert (turns[lane] == turn).all()
-        assert not points[lane, 0, count:].any()
+        assert not points[lane, count:, 0].any()
     M[3] = 1e200
     with pytest.raises(kr.InputError, match="products of the state"):
         conjugate.constants(model, parts(model, {"M": M, "P": P}), 0.5)
+
+
+@pytest.mark.parametrize(("method", "order"), [("exact", None), ("baecklund", 6)])
+def test_calls_have_the_bits_of_rows_without_a_set_up(
+    method: str, order: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One call of machine code, if as many pairs are needed as before; with a state that needs more, a new one."""
+    model, state = case("manakov")
+    x = algebra.coordinates(state["M"])
+    p = kr.propagator(model, method=method, order=order, dt=0.5)
+    states = [x, 0.7 * x, np.stack([x, 0.7 * x])]
+    expected = [p.steps(y, 5, every=5)[-1] for y in states]
+    for y in states:
+        p.steps(y, 5)
+    far = p.steps(40 * x, 5)
+    assert (far == p.steps(40 * x, 5, every=5)[-1]).all() and (far == p.steps(40 * x, 5)).all()
+    for _ in range(2):  # with fewer pairs again
+        p.steps(x, 5)
+    monkeypatch.setattr(conjugate, "Tori", None)
+    assert all((p.steps(y, 5) == want).all() for y, want in zip(states, expected, strict=True))
+    monkeypatch.undo()
+    with pytest.raises(kr.InputError, match="products of the state"):
+        p.steps(1e200 * x, 5)
 
 
 @pytest.mark.parametrize(

@@ -640,7 +640,7 @@ def test_step_condition(name: str) -> None:
     points, _ = conjugate.constants(model, z, 0.2)
     nodes, weights = np.polynomial.legendre.leggauss(40)
     total = 0.0
-    for x, y, real, imaginary in points.T:
+    for x, y, real, imaginary in points:
         near = complex(real, imaginary)
         for node, weight in zip(nodes[::-1], weights[::-1], strict=True):  # from the end of the path
             near, field = _at(model, z, 1j * y + x * (node + 1) / 2, near)

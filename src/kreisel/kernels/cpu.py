@@ -545,6 +545,8 @@ def point_links(scheme: Scheme, engine: SteppedEngine, dt: float) -> tuple[list[
     other constants depend on the trajectory, and for code that is not compiled.
     """
     (lanes, count), stages, columns = engine.constants.shape, engine.stages, engine.columns
+    if scheme.links is not None:
+        return scheme.links(engine.z, stages), [stages.ravel()]
     if not {*columns} - {*scheme.constants} <= {"mu", "rho", *SPINS}:
         return None
     half = stages.shape[2] // 2

@@ -74,12 +74,16 @@ def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         if oriented:
             _require_like_fields(model, x0[:count])
-        points, turn = constants(model, x0[:count], dt, order, params)
-        stages = {name: points[..., i, :] for i, name in enumerate(NUMBERS)}
+        points, turn = constants(model, x0[:count], dt, order, params, oriented)
+        stages = {name: points[..., i] for i, name in enumerate(NUMBERS)}
         if not oriented:
             return {}, stages
         g = as_matrix(model, x0[count])
         return constant_turns("turn", g @ algebra.skew(turn, model.n) @ g.mT, lambda theta: theta), stages
+
+    def links(z: Array, stages: Array) -> list[Any]:
+        c = np.ascontiguousarray(np.broadcast_to(params, (len(z), params.shape[-1])))
+        return cast("list[Any]", _kernels().Rooms(model, z, c, dt, fractions(dt, order), 1).links(stages))
 
     def step(*z: Array, lam_re: Array, lam_im: Array, mu_re: Array, mu_im: Array, **constants: Array) -> State:
         point = {"lam": algebra.complex_number(lam_re, lam_im), "mu": algebra.complex_number(mu_re, mu_im)}
@@ -98,6 +102,7 @@ def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) 
         oriented,
         axes={**model.axes, **dict.fromkeys(NUMBERS, 0), "turn0": 2, "turn1": 2},
         trajectory=trajectory,
+        links=None if oriented else links,
         between=record.between,
         **options,
     )
@@ -206,8 +211,10 @@ def maps(model: Model, state: State, dt: float, order: int | None, shares: Seque
     return rows.reshape(*batch, *rows.shape[1:])
 
 
-def fractions(dt: float, order: int) -> Array:
-    """eps (order/2,), complex, whose maps make a step of the order."""
+def fractions(dt: float, order: int | None) -> Array:
+    """eps (order/2,), complex, whose maps make a step of the order; none for the flow."""
+    if order is None:
+        return np.empty(0, complex)
     eps = [2 / mu for mu in stage_points(order, dt)]
     return np.array([*eps, *(e.conjugate() for e in eps if isinstance(e, complex))], complex)
 
@@ -220,16 +227,16 @@ def _named(order: int | None) -> tuple[str, dict[str, Any]]:
 
 
 def constants(
-    model: Model, state: State, dt: float, order: int | None = None, params: Array | None = None
+    model: Model, state: State, dt: float, order: int | None = None, params: Array | None = None, oriented: bool = True
 ) -> tuple[Array, Array]:
-    """Points (..., 4, stages), `NUMBERS` of each, and the missing rotation of the body in a step, its coordinates.
+    """Points (..., stages, 4), `NUMBERS` of each, and the missing rotation of the body in a step, its coordinates.
 
     params: the result of `parameter_rows`
     """
     batch, z, c = _rows(model, state, parameter_rows(model) if params is None else params)
     places = range(0, len(z), BLOCK)
     try:
-        blocks = [Tori(model, z[k : k + BLOCK], c[k : k + BLOCK], dt, order).step() for k in places]
+        blocks = [Tori(model, z[k : k + BLOCK], c[k : k + BLOCK], dt, order, oriented).step() for k in places]
     except np.linalg.LinAlgError as error:
         raise _out_of_range(model.system.name) from error
     numbers, counts, turns = map(np.concatenate, zip(*blocks, strict=True))
@@ -275,16 +282,16 @@ class Tori:
     Raises `InputError` for the first lane that has none.
     """
 
-    def __init__(self, model: Model, z: Array, c: Array, dt: float, order: int | None = None):
-        self.model, self.system, self.z, self.c, self.dt, self.order = model, model.system, z, c, dt, order
-        self.rooms = rooms = _kernels().Rooms(model, z, c)
-        rooms.values[:, :2] = -1.0, dt
-        rooms.choose(order is None)
+    def __init__(self, model: Model, z: Array, c: Array, dt: float, order: int | None = None, oriented: bool = True):
+        self.model, self.system, self.z, self.c, self.dt = model, model.system, z, c, dt
+        self.shares, self.oriented = fractions(dt, order), oriented
+        self.rooms = rooms = _kernels().Rooms(model, z, c, dt, self.shares, 3 if oriented else 1)
+        rooms.choose()
         verdict = rooms["verdict"][:, 0]
         if verdict.any():
             for lane in np.flatnonzero(verdict == DEPENDENT).tolist():
                 rooms["rank"][lane] = self._rank(lane)
-                rooms.choose(order is None, lane, lane + 1)
+                rooms.choose(lane, lane + 1)
             for lane in np.flatnonzero(verdict).tolist():
                 raise self._refusal(lane)
 
@@ -331,42 +338,20 @@ class Tori:
         )
 
     def step(self) -> tuple[Array, Array, Array]:
-        """Pairs (lanes, shares, most + 1, 4), the last one the identity; how many, and copies; the missing rotation.
+        """Pairs (lanes, shares, most + 1, 4), the last one the identity; counts; the missing rotation of the body.
 
-        Each lane has its number of pairs, so that none depends on the others.
-        """
-        rooms, counts = self.rooms, self.rooms["counts"]
-        if self.order is None:
-            return rooms["numbers"].reshape(len(counts), 1, -1, 4), counts, counts[:, 1:] * rooms["rotation"]
-        shares = fractions(self.dt, self.order)
-        numbers, turns = zip(*(self._unsolved(share, self.dt / len(shares)) for share in shares), strict=True)
-        counts[:, 1] = len(shares)
-        return np.stack(numbers, 1), counts, sum(turns)
-
-    def _unsolved(self, share: complex, h: float) -> tuple[Array, Array]:
-        """Points iy + share x, then the identity (lanes, most + 1, 4), and the missing rotation in a time h.
-
-        The rotation by each pair is int Re Omega from i Im(iy + x) on; the remainder of the flow's rotation
+        Each lane has its number of pairs, so that none depends on the others.  The remainder of the rotation by a flow
         leaves the vectors and matrices that the body carries constant.
         """
-        rooms = self.rooms
-        y, x, mu, ends = rooms["y"].copy(), share * rooms["slope"], rooms["mu"].copy(), []
-        for way in (1j * x.imag, x):
-            rooms["x"] = way.view(float)
-            rooms.follow()
-            ends.append(rooms["end"].copy())
-        rooms["h"], rooms["y"], rooms["x"], rooms["mu"] = h, y + x.imag, (x.real + 0j).view(float), ends[0]
-        rooms.follow(wide=1)
-        rooms["y"], rooms["mu"] = y, mu
-        carried = [self.state[i] for i in self.system.space.carried or (0,)]
-        turns = [
-            algebra.coordinates(commuting(algebra.skew(turn, self.model.n), list(z)))
-            for turn, *z in zip(rooms["rotation"], *carried, strict=True)
-        ]
-        lam, mu_at = 1j * y + x, ends[1].view(complex)
-        points = np.stack([lam.real, lam.imag, mu_at.real, mu_at.imag], -1)
-        identity = np.stack([0 * y[:, 0], y[:, 0], *mu[:, :2].T], -1)
-        return np.concatenate([points, identity[:, None]], 1), np.array(turns)
+        rooms, counts = self.rooms, self.rooms["counts"].copy()
+        if not len(self.shares):
+            return rooms.numbers, counts, counts[:, 2:] * rooms["rotation"]
+        turns = rooms["total"].copy()
+        if self.oriented:
+            carried = [self.state[i] for i in self.system.space.carried or (0,)]
+            for turn, *z in zip(turns, *carried, strict=True):
+                turn[:] = algebra.coordinates(commuting(algebra.skew(turn, self.model.n), list(z)))
+        return rooms.numbers, counts, turns
 
 
 def commuting(Omega: Array, carried: list[Array]) -> Array:

@@ -220,6 +220,8 @@ class Scheme:
                                double-doubles: then it is trajectory(x0, points) with points(x0, mus) -> rho
                                (..., points), or None
     spin(*z0, mu=dt)        -> the constants `SPINS` of the trajectory (2, n, n), compiled too: points(x0, [dt], "spin")
+    links(z, stages)        -> the calls of kernels that write the constants of the stages (lanes, stages, ...) of the
+                               trajectories from rows z, not finite if there are none; in place of `point`
     conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, for quantities that it lets drift
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     between                              the most steps between two projections; 0: what their cost allows
@@ -245,6 +247,7 @@ class Scheme:
     point: Callable[..., Array] | None = None
     wide: bool = True
     spin: Callable[..., Array] | None = None
+    links: Callable[[Array, Array], list[Any]] | None = None
     recordable: bool = True  # whether motion and `observe` can be recorded, and so compiled
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` only
     conserved: Callable[..., dict[str, Array]] | None = None

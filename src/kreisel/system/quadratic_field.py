@@ -14,20 +14,7 @@ clebsch has F = P P^T, kovalevskaya-gyrostat the F of fields in so(n) x so(2), r
 
 import numpy as np
 
-from kreisel.algebra import (
-    KINDS,
-    bracket,
-    dot,
-    hat,
-    holds_objects,
-    identity,
-    mat,
-    pairing,
-    solve,
-    sqrt,
-    symmetric,
-    trace_log,
-)
+from kreisel.algebra import KINDS, bracket, dot, hat, holds_objects, identity, mat, pairing, solve, symmetric, trace_log
 from kreisel.algebra.cayley import cayley
 from kreisel.algebra.invariants import determinant, stack
 from kreisel.algebra.matrices import blocks, diagonal
@@ -171,7 +158,7 @@ def largest_step(M, F, *, b):
     For recorded values, |f| <= (tr F^2)^(1/2).
     """
     if holds_objects(F):
-        return 2 / sqrt(abs(b).max(-1) * sqrt((F * F).sum(-1).sum(-1)))
+        return 2 / np.sqrt(abs(b).max(-1) * np.sqrt((F * F).sum(-1).sum(-1)))
     f = np.linalg.eigvalsh(F)
     (up, above), (down, below) = ((np.maximum((sign * x).max(-1), 0) for x in (b, f)) for sign in (1, -1))
     mixed = (up * down > 0) & (above * below > 0)

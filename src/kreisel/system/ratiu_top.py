@@ -13,21 +13,7 @@ Conclusions; the map was made here]
 
 import numpy as np
 
-from kreisel.algebra import (
-    KINDS,
-    bracket,
-    dot,
-    hat,
-    holds_objects,
-    identity,
-    mat,
-    pairing,
-    skew,
-    solve,
-    sqrt,
-    vec,
-    wedge,
-)
+from kreisel.algebra import KINDS, bracket, dot, hat, holds_objects, identity, mat, pairing, skew, solve, vec, wedge
 from kreisel.algebra.cayley import cayley, cayley_conjugate
 from kreisel.algebra.invariants import trace_of_product
 from kreisel.algebra.skew import axial, coordinates, cross
@@ -128,8 +114,8 @@ def largest_step(M, G, *, X, h):
 
     For recorded values by <G, G>^(1/2), which is not less.
     """
-    size = sqrt(pairing(G, G)) if holds_objects(G) else np.linalg.norm(G, 2, axis=(-2, -1))
-    return 2 / sqrt(h * np.sqrt(pairing(X, X)) * size)
+    size = np.sqrt(pairing(G, G)) if holds_objects(G) else np.linalg.norm(G, 2, axis=(-2, -1))
+    return 2 / np.sqrt(h * np.sqrt(pairing(X, X)) * size)
 
 
 MAP = kicked_map(kick, turn, **named(generator, pencil, factors, largest_step), source="Kreisel")

@@ -8,7 +8,8 @@ vectors in doubles has the digits of double-doubles.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from functools import cache, reduce
 from math import cosh
 from operator import add
@@ -25,6 +26,7 @@ from kreisel.baecklund import conjugate
 from kreisel.graph.double import DoubleDouble, upper
 from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Lanes, Value, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel
+from kreisel.kernels.chain import Link
 from kreisel.kernels.exact.points import WIDTH, Choice, Formulas, Writing, complex_values, largest
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.steps import outputs_by_rows
@@ -45,18 +47,20 @@ STEPS, MORE = (4, 1), (0, 2)  # of Newton's method, in doubles and in double-dou
 SETTLED = 1e-10  # a change, relative to the interval, whose square is rounding
 ENOUGH, SMALL = 1e-12, 1e-5  # a miss, relative to the move; a move, relative to the state
 TRIALS = 8  # each with more copies of the pairs
-SOLVED = -1  # in place of steps in double-doubles: as many as the conditions need
 WORK = 400  # of a lane, in steps of a lane
 
 
 class Paths(Formulas):
     """The conditions of a system, for at most d/2 pairs of one state.
 
-    kernel(rooms, z, c, table, first, last, wide): of lanes whose verdict is `FINE`, Newton's steps in doubles, until
-    changes are below `close`, and in double-doubles, then mu at the ends of the paths.  table (rows, 4) has nodes and
-    weights, two doubles each; a path ends with a node 1.  At first a path follows the vectors from node to node; then
-    all nodes begin with those stored there.  If wide is `SOLVED`: trials, each with more copies of the pairs, until
-    they are the flow; else `wide` steps in double-doubles on the paths to x.
+    kernel(rooms, z, c, table, first, last, shares, count, phases, numbers): of lanes whose verdict is `FINE`, `numbers`
+    (lanes, shares, most + 1, 4).  By Newton's steps in doubles, until changes are below `close`, and in
+    double-doubles, in trials, each with more copies of the pairs, until they are the flow.  table (rows, 4) has nodes
+    and weights, two doubles each; a path ends with a node 1.  At first a path follows the vectors from node to node;
+    then all nodes begin with those stored there.
+
+    With `count` complex shares, the pairs at iy + share slope instead, without a solution: the paths to x and, if there
+    are three phases, before it to i Im x and from there to x, for the rotation, by a pair int Re Omega along it.
     """
 
     def __init__(self, model: Model):
@@ -71,11 +75,12 @@ class Paths(Formulas):
             "together": self._record(self.together, ("v", sums * WIDTH)),
             "step": self._record(self.step, ("h", 1), ("s", sums), ("e", m * d), ("dual", m * d), ("none", m)),
         }
-        functions = self.begin, self.plan, self.move, self.judge, self.finish
+        functions: list[Callable[..., dict[str, Any]]] = [self.begin, self.plan, self.move, self.judge, self.finish]
+        functions += [self.enter, self.lift, self.turn, self.reach]
         self.rules = {function.__name__: self._rule(function) for function in functions}
         pieces = [*self.pieces.values(), *(piece for piece, _ in self.rules.values())]
         key = "pairs", *(graph.digest(outputs) for graph, outputs in pieces)
-        self.kernel = kernel(key, 7, lambda f: _Solving(self, f).write())
+        self.kernel = kernel(key, 10, lambda f: _Solving(self, f).write())
 
     # -- formulas ------------------------------------------------------------------------------------------
 
@@ -205,19 +210,42 @@ class Paths(Formulas):
 
     def finish(self, x: Array, y: Array, end: Array, mu: Array, none: Array) -> dict[str, Any]:
         identity = [0.0, y[0], *mu[:2]]
-        rows = zip(none, x[::2], y, end[::2], end[1::2], strict=True)
+        rows = zip(none, x[::2], y + x[1::2], end[::2], end[1::2], strict=True)
         numbers = [
             algebra.where_less(0, missing, a, b) for missing, *row in rows for a, b in zip(identity, row, strict=True)
         ]
         return {"numbers": numbers + identity}
+
+    # -- shares of a step of an order ----------------------------------------------------------------------
+
+    def enter(self, y: Array, mu: Array, time: Any, copies: Any) -> dict[str, Any]:
+        nodes, row = ([float(k)] * self.most for k in (NODES, (NODES - 1) * (NODES + 2) // 2))
+        new = {"nodes": nodes, "row": row, "start": [*y, *mu], "h": time / copies, "going": 1.0, "narrow": 0.0}
+        return new | dict.fromkeys(("rotation", "total"), [0.0] * self.turns)
+
+    def lift(self, slope: Array, im: Any) -> dict[str, Any]:
+        """To i Im x."""
+        return {"x": [part for s in slope for part in (0.0, im * s)], "last": 0.0}
+
+    def turn(self, y: Array, slope: Array, end: Array, re: Any, im: Any) -> dict[str, Any]:
+        """From i Im x to x."""
+        x = [part for s in slope for part in (re * s, 0.0)]
+        return {"y": [*(y + im * slope)], "mu": [*end], "x": x, "last": 1.0}
+
+    def reach(self, start: Array, slope: Array, rotation: Array, total: Array, re: Any, im: Any) -> dict[str, Any]:
+        """To x."""
+        x, new = [part * s for s in slope for part in (re, im)], {"total": [*(total + rotation)], "last": 0.0}
+        return new | {"y": [*start[: self.most]], "mu": [*start[self.most :]], "x": x}
 
 
 class _Solving(Writing):
     """Writes the kernel of `Paths`."""
 
     def __init__(self, of: Paths, f: Function):
-        rooms, z, c, rows, self.first, self.beyond, self.wide = f.arguments
+        rooms, z, c, rows, self.first, self.beyond, shares, self.shares, self.phases, numbers = f.arguments
         super().__init__(of, f, rooms)
+        self.share_of_step, self.numbers = f.doubles(shares), f.doubles(numbers)
+        self.share, self.phase = f.variables(2, INTEGER)
         self.kind, sums = kind_of(WIDTH), 2 * (of.d + of.turns)
         self.rows, self.z, self.c = map(f.doubles, (rows, z, c))
         self.stride = len(of.pieces["start"][1])  # of mu and vectors at a node
@@ -242,31 +270,55 @@ class _Solving(Writing):
 
     def write(self) -> None:
         f, of, rooms = self.f, self.of, self.out
-        solved = self.wide.compared("==", SOLVED)
+        solved = self.shares.compared("==", 0)
         with f.loop(self.first, self.beyond) as lane:
             self.out = rooms.beyond(lane * of.size)
             self.memory |= {"z": self.z.beyond(lane * of.d), "c": self.c.beyond(lane * of.constants)}
             self.memory |= {k: self.out.beyond(self.at(k)) for k in ("h", "dual", "none")}
+            self.share[0], self.phase[0] = 0, 3 - self.phases
             with f.where(f.builder.fcmp_ordered("==", self.out[self.at("verdict")], self.value(FINE))):
                 with f.otherwise(solved) as (trials, paths):
                     with trials:
                         self.apply("begin")
                     with paths:
-                        for name, x in {
-                            "narrow": 0.0,
-                            "last": self.wide.double(),
-                            "going": 1.0,
-                            "repeated": 1.0,
-                        }.items():
-                            self.out[self.at(name)] = x
+                        self.out[self.at("copies")] = self.shares.double()
+                        self.apply("enter")
                 with f.while_(lambda: self.flag("going")):
-                    with f.where(f.builder.not_(self.flag("repeated"))):
-                        self.apply("plan")
+                    with f.otherwise(solved) as (trials, paths):
+                        with trials, f.where(f.builder.not_(self.flag("repeated"))):
+                            self.apply("plan")
+                        with paths:
+                            self.begin_path()
                     self.solve()
+                    self.finish(lane)
                     self.out[self.at("going")] = 0.0
-                    with f.where(solved):
-                        self.apply("judge")
-                self.apply("finish")
+                    with f.otherwise(solved) as (trials, paths):
+                        with trials:
+                            self.apply("judge")
+                        with paths:
+                            self.end_path()
+
+    def begin_path(self) -> None:
+        """The path of a phase."""
+        self.out.put(self.share_of_step.get(2, self.share[0] * 2), self.at("re"))
+        for phase, rule in enumerate(("lift", "turn", "reach")):
+            with self.f.where(self.phase[0].compared("==", phase)):
+                self.apply(rule)
+
+    def end_path(self) -> None:
+        """The next phase, or the first one of the next share."""
+        self.phase[0] = self.phase[0] + 1
+        with self.f.where(self.phase[0].compared("==", 3)):
+            self.phase[0] = 3 - self.phases
+            self.share[0] = self.share[0] + 1
+        self.out[self.at("going")] = (self.shares - self.share[0]).double()
+
+    def finish(self, lane: Integer) -> None:
+        """The numbers of a share."""
+        self.apply("finish")
+        size = 4 * (self.of.most + 1)
+        share = lane * (self.shares + self.shares.below(1)) + self.share[0]
+        self.numbers.put(self.out.get(size, self.at("numbers")), share * size)
 
     def solve(self) -> None:
         """Newton's steps, narrow ones in doubles, and mu at the ends."""
@@ -377,39 +429,48 @@ class Points(Formulas):
 
 
 class Rooms:
-    """The rows of doubles of states z (lanes, d) with parameters c (lanes, count), and the kernels that share them."""
+    """The rows of doubles of states z (lanes, d) with parameters c (lanes, count), and the kernels that share them.
 
-    def __init__(self, model: Model, z: Floats, c: Floats):
+    shares   of a step of an order, complex; none for pairs that are the flow
+    phases   of each share: 1, or 3 for the rotation too
+    numbers  of pairs (lanes, shares, most + 1, 4): behind them those of the identity
+    """
+
+    def __init__(self, model: Model, z: Floats, c: Floats, dt: float, shares: Array, phases: int):
         self._choice, self._paths = reused(
             (Rooms, Identity(model.system), model.n), lambda: (Choice(model), Paths(model))
         )
-        self.values, self._z, self._c = np.empty((len(z), self._choice.size)), z, c
-        self._addresses = [address_of(x) for x in (self.values, z, c)]
+        self.values = np.empty((len(z), self._choice.size))
+        self.numbers = np.empty((len(z), max(1, len(shares)), self._choice.most + 1, 4))
+        self.values[:, :2] = -1.0, dt  # rank and time
+        self._before, self._after = (self.values, z, c), (shares.view(float), len(shares), phases, self.numbers)
 
     def __getitem__(self, name: str) -> Floats:
         return self.values[:, self._choice.places[name]]
 
-    def __setitem__(self, name: str, values: Any) -> None:
-        self[name][:] = values
+    def _calls(self, first: int, last: int) -> list[Link]:
+        paths = *self._before, gauss(), first, last, *self._after
+        return [(self._choice.kernel, (*self._before, first, last)), (self._paths.kernel, paths)]
 
-    def choose(self, solved: bool, first: int = 0, last: int | None = None) -> None:
-        """Write the points of lanes, and those of a step if they are `solved`."""
+    def choose(self, first: int = 0, last: int | None = None) -> None:
+        """Write the points of lanes, and those of a step."""
 
         def share(a: int, b: int) -> None:
-            self._choice.kernel(*self._addresses, first + a, first + b)
-            if solved:
-                self._follow(SOLVED, first + a, first + b)
+            for code, arguments in self._calls(first + a, first + b):
+                code(*(x if isinstance(x, int) else address_of(x) for x in arguments))
 
         count = (len(self.values) if last is None else last) - first
         on_threads(count, WORK * count, share)
 
-    def follow(self, wide: int = 0) -> None:
-        """The paths to x as it is, and steps in double-doubles, of all lanes."""
-        self["nodes"], self["row"] = NODES, (NODES - 1) * (NODES + 2) // 2
-        self._follow(wide, 0, len(self.values))
+    def links(self, out: Floats) -> list[Link]:
+        """The calls that put the pairs of each lane into rows (lanes, stages, 4) of an engine, as `stages` does.
 
-    def _follow(self, wide: int, first: int, last: int) -> None:
-        self._paths.kernel(*self._addresses, address_of(gauss()), first, last, wide)
+        All are NaN if a lane has no points, or none of them needs as many stages.
+        """
+        (lanes, shares, rows, _), (_, count, _), size = self.numbers.shape, out.shape, self.values.shape[1]
+        counts = self.values.ravel()[self._choice.places["counts"].start :]
+        into = _stages(rows - 1), (self.numbers, counts, out, shares, lanes, count, size, 1)
+        return [*self._calls(0, lanes), into]
 
 
 @cache
@@ -424,28 +485,39 @@ def gauss() -> Floats:
 
 
 def stages(numbers: Floats, counts: Floats) -> Floats:
-    """Points (lanes, 4, stages) of numbers (lanes, shares, most + 1, 4) of pairs and, behind them, the identity.
+    """Points (lanes, stages, 4) of `numbers` and `counts` of rooms: of each share its pairs, or copies of a single one.
 
-    counts (lanes, 2): pairs of each share, and shares, or copies of a single one; the identity fills shorter lanes.
+    The identity fills shorter lanes.
     """
-    numbers, (lanes, shares, most, _) = np.ascontiguousarray(numbers), numbers.shape
-    count = max(1, int((counts[:, 0] * counts[:, 1]).max()))
-    out = np.empty((lanes, 4, count))
-    _stages(most - 1)(address_of(numbers), address_of(counts), address_of(out), shares, lanes, count)
+    lanes, shares, rows, _ = numbers.shape
+    count = max(1, int((counts[:, 1] * counts[:, 2]).max()))
+    out = np.empty((lanes, count, 4))
+    _stages(rows - 1)(*map(address_of, (numbers, counts, out)), shares, lanes, count, counts.shape[1], 0)
     return out
 
 
 @cache
 def _stages(most: int) -> Kernel:
     def write(f: Function) -> None:
-        (numbers, counts, out), (shares, lanes, stages) = map(f.doubles, f.arguments[:3]), f.arguments[3:]
+        (numbers, counts, out), (shares, lanes, stages, size, exact) = map(f.doubles, f.arguments[:3]), f.arguments[3:]
+        (needed,) = f.variables(1)
+        needed[0] = 1.0
+        with f.loop(0, lanes) as lane:
+            verdict, count, copies = counts.get(3, lane * size)
+            product = f.builder.fmul(count, copies)
+            more = f.builder.fcmp_ordered(">", product, needed[0])
+            needed[0] = f.builder.select(more, product, needed[0])
+            with f.where(f.builder.fcmp_unordered("!=", verdict, counts.value_of(FINE))):
+                needed[0] = math.nan
         with f.loop(0, lanes) as lane, f.loop(0, stages) as k:
-            count, copies = (Integer(f.builder, f.builder.fptoui(x, INTEGER)) for x in counts.get(2, lane * 2))
+            count, copies = (Integer(f.builder, f.builder.fptoui(x, INTEGER)) for x in counts.get(2, lane * size + 1))
             length = count + (f.integer(1) - count.least(1))  # 1 at least
             inside = k.compared("<", count * copies)
             place = Integer(f.builder, f.builder.select(inside, (k % length).value, INTEGER(most)))
             share = lane * shares + (k // length).least(shares - 1)
-            for j, x in enumerate(numbers.get(4, (share * (most + 1) + place) * 4)):
-                out[(lane * 4 + j) * stages + k] = x
+            out.put(numbers.get(4, (share * (most + 1) + place) * 4), (lane * stages + k) * 4)
+        other = f.builder.fcmp_unordered("!=", needed[0], stages.double())
+        with f.where(f.builder.and_(exact.compared("!=", 0), other)), f.loop(0, lanes * stages * 4) as i:
+            out[i] = math.nan
 
-    return kernel(("stages", most), 6, write)
+    return kernel(("stages", most), 8, write)

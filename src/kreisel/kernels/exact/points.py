@@ -38,7 +38,7 @@ CERTAIN = 1e-5  # relative: fields that surely do not depend on others
 SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and for a body at rest
 SCALARS = (
     *("rank", "time", "verdict", "count", "copies", "heights", "size", "least", "off", "rate", "far", "h"),
-    *("narrow", "last", "trial", "tight", "repeated", "going", "moving"),
+    *("narrow", "last", "trial", "tight", "repeated", "going", "moving", "re", "im"),
 )
 Recorded = Callable[..., list[Any]]
 Piece = tuple[Graph, list[Any]]
@@ -56,7 +56,9 @@ class Formulas:
     reach, narrow, last       of x; steps in doubles, and all steps of Newton's method
     trial, tight, more        of copies; if paths end where reach begins to fail; if more steps follow
     going, moving             if trials, or steps in doubles, continue
-    numbers                   x, y and mu of each pair, then those of the identity
+    numbers                   Re lam, Im lam and mu of each pair, then those of the identity
+    re, im, start             share of a step of an order; y and mu before it
+    total                     of the rotations that are missing
     dual, none                of the fields at iy (d, most); 1 for each missing pair
     units, size, off, rate    of components; of the flow in these; of its part beyond the fields; of the rotation
     least, heights, first     the last pivot over the first; how many points were tried, and the first of them
@@ -75,11 +77,12 @@ class Formulas:
         sizes = dict.fromkeys(SCALARS, 1)
         sizes |= dict.fromkeys(("y", "slope", "radius", "none", "close", "nodes", "row", "reach"), most)
         sizes |= {"x": 2 * most, "mu": 2 * most, "end": 2 * most, "dual": d * most, "units": d}
+        sizes |= {"start": 3 * most, "total": self.turns}
         sizes["numbers"] = 4 * (most + 1)
         sizes |= {"miss": d, "change": most, "rotation": self.turns, "first": 2 + max(self.n, 4)}
         ends = np.cumsum([0, *sizes.values()]).tolist()
         self.places = {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:], strict=False)}
-        self.places["counts"] = slice(self.places["count"].start, self.places["copies"].stop)
+        self.places["counts"] = slice(self.places["verdict"].start, self.places["copies"].stop)
         self.size, self.most, self.constants = ends[-1], most, sum(self.n**axes for axes in self.axes.values())
 
     def _record(self, function: Recorded, *letters: tuple[str, int]) -> Piece:

@@ -44,6 +44,7 @@ NONE: Mapping[str, Array] = MappingProxyType({})
 WHOLE_STEPS = 1e-9  # relative
 NOT_FOLDED = 0.5  # neither 0 nor 1
 MANY = 1000  # steps of a call during which other threads run
+SET_UP = 400  # steps of a lane in the time that its pairs of maps need
 AT_REST = 16  # engines kept for the next call, for each number of lanes
 EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy accepts
 AT_ZERO = 1e-10  # of the largest value within a step: then the start is the end of the last search
@@ -69,7 +70,7 @@ class Stepper:
         self._set_up = isinstance(scheme.motion, Flow | Orbits)  # by the state
         self._back, self._out = corrections(scheme)
         self._at_rest = defaultdict[int, deque[Engine]](lambda: deque(maxlen=AT_REST))
-        fixed = scheme.trajectory is None or scheme.point is not None
+        fixed = scheme.trajectory is None or scheme.point is not None or scheme.links is not None
         plain = isinstance(scheme.motion, Steps) and fixed and model.n < LARGE
         several = defaultdict[int, deque[Course]](lambda: deque(maxlen=AT_REST))
         self._courses = several if plain and not model.batch else None  # by lanes
@@ -112,7 +113,8 @@ class Stepper:
         if self._rooms is not None and lanes == 1 and time is None:
             y = self.at_once(x, count, self.dt)
             return y if y is None or x.ndim == 1 else y[None]
-        if self._courses is None or self.timed != (time is not None) or (lanes > 1 and lanes * count >= LEAST_WORK):
+        work = lanes * (count + SET_UP * (self.scheme.links is not None))
+        if self._courses is None or self.timed != (time is not None) or (lanes > 1 and work >= LEAST_WORK):
             return None
         if self._tabled and time is not None:
             require_within(self.model, finite_number(time, "time"), time + count * self.dt)
@@ -132,7 +134,8 @@ class Stepper:
         if sound and course.doubtful:
             self._require_sound(course.engine, course.row)
         y = course.y.copy() if sound else None
-        self._courses[lanes].append(course)
+        if sound or self.scheme.links is None:  # else another number of stages may be needed
+            self._courses[lanes].append(course)
         return y
 
     def _course(self, x: Floats, count: int) -> Course | None:
@@ -146,7 +149,7 @@ class Stepper:
         if rows is None or not all(isinstance(e, CpuEngine) and e.code.steps is not None for e in engines):
             return None
         straight = cast("list[CpuEngine]", engines)
-        points = ([], []) if scheme.point is None else point_links(scheme, cast("CpuEngine", engine), self.dt)
+        points = ([], []) if scheme.trajectory is None else point_links(scheme, cast("CpuEngine", engine), self.dt)
         if points is None or (engine.projection is not None and not cast("CpuEngine", engine).code.programs):
             return None
         course = Course(straight, *rows, self.forms.size, points, self.column_of(COUNT) if self.timed else None)
