@@ -225,16 +225,16 @@ class Paths(Formulas):
 
     def lift(self, slope: Array, im: Any) -> dict[str, Any]:
         """To i Im x."""
-        return {"x": [part for s in slope for part in (0.0, im * s)], "last": 0.0}
+        return {"x": [v for s in slope for v in (0.0, im * s)], "last": 0.0}
 
     def turn(self, y: Array, slope: Array, end: Array, re: Any, im: Any) -> dict[str, Any]:
         """From i Im x to x."""
-        x = [part for s in slope for part in (re * s, 0.0)]
+        x = [v for s in slope for v in (re * s, 0.0)]
         return {"y": [*(y + im * slope)], "mu": [*end], "x": x, "last": 1.0}
 
     def reach(self, start: Array, slope: Array, rotation: Array, total: Array, re: Any, im: Any) -> dict[str, Any]:
         """To x."""
-        x, new = [part * s for s in slope for part in (re, im)], {"total": [*(total + rotation)], "last": 0.0}
+        x, new = [v * s for s in slope for v in (re, im)], {"total": [*(total + rotation)], "last": 0.0}
         return new | {"y": [*start[: self.most]], "mu": [*start[self.most :]], "x": x}
 
 
@@ -505,8 +505,8 @@ def _stages(most: int) -> Kernel:
         with f.loop(0, lanes) as lane:
             verdict, count, copies = counts.get(3, lane * size)
             product = f.builder.fmul(count, copies)
-            more = f.builder.fcmp_ordered(">", product, needed[0])
-            needed[0] = f.builder.select(more, product, needed[0])
+            larger = f.builder.fcmp_ordered(">", product, needed[0])
+            needed[0] = f.builder.select(larger, product, needed[0])
             with f.where(f.builder.fcmp_unordered("!=", verdict, counts.value_of(FINE))):
                 needed[0] = math.nan
         with f.loop(0, lanes) as lane, f.loop(0, stages) as k:
@@ -516,8 +516,8 @@ def _stages(most: int) -> Kernel:
             place = Integer(f.builder, f.builder.select(inside, (k % length).value, INTEGER(most)))
             share = lane * shares + (k // length).least(shares - 1)
             out.put(numbers.get(4, (share * (most + 1) + place) * 4), (lane * stages + k) * 4)
-        other = f.builder.fcmp_unordered("!=", needed[0], stages.double())
-        with f.where(f.builder.and_(exact.compared("!=", 0), other)), f.loop(0, lanes * stages * 4) as i:
+        unequal = f.builder.fcmp_unordered("!=", needed[0], stages.double())
+        with f.where(f.builder.and_(exact.compared("!=", 0), unequal)), f.loop(0, lanes * stages * 4) as i:
             out[i] = math.nan
 
     return kernel(("stages", most), 8, write)
