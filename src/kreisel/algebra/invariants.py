@@ -262,11 +262,9 @@ def determinant(A: Array) -> Array:
     n = A.shape[-1]
     minors: dict[tuple[int, ...], Any] = {(): 1}
     for i in range(n):
+        row = [(A[..., i, c], -A[..., i, c]) for c in range(n)]  # by the sign
         minors = {
-            columns: sum(
-                (-1) ** (i + j) * A[..., i, c] * minors[(*columns[:j], *columns[j + 1 :])]
-                for j, c in enumerate(columns)
-            )
+            columns: sum(row[c][(i + j) % 2] * minors[(*columns[:j], *columns[j + 1 :])] for j, c in enumerate(columns))
             for columns in itertools.combinations(range(n), i + 1)
         }
     return minors[tuple(range(n))]

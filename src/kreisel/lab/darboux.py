@@ -90,7 +90,7 @@ def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int]:
     det = determinant(objects((v if isinstance(v, Ratio) else x[0] * 0 + int(v) for v in J.flat), J.shape))
     if det.n == 0:
         raise InputError(f"The Jacobian determinant of {subject.name} vanishes: the map is not invertible.")
-    values = [v.value for v in new]
+    values = [getattr(v, "value", v) for v in new]
     powers_of: dict[str, tuple[Any, int]] = {}
     c = Fraction(1)
     for f, sign in [(det.n, 1), (det.d, -1), *((v.d, 0) for v in values)]:

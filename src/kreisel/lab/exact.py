@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import operator
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -12,6 +15,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, objects
 from kreisel.algebra.complex import Complex, Ring
+from kreisel.algebra.recorded import Recorded
 from kreisel.errors import InputError, shown
 from kreisel.record.contract import Parameter, System
 from kreisel.record.model import Model
@@ -26,58 +30,98 @@ except ImportError:  # the extra "exact" is not installed: the same values, more
 Random = Callable[[tuple[int, ...]], Array]
 
 
+_PLACES = itertools.count()  # of dual values, in the order in which they were computed
+
+
 class Dual(Ring):
     """value + sum_i slope_i d_i with d_i d_j = 0: exact derivatives in any field.
 
+    Results store their operands and the derivatives with respect to them; `slopes` sweeps forward or back over these.
     The logarithm of an exact number is not in its field; its value is then given as 0 and only its
     slope, which is rational, means anything.
     """
 
-    __slots__ = ("slope", "value")
+    __slots__ = ("_operands", "_place", "_slope", "value")
 
-    def __init__(self, value: Any, slope: Array):
-        self.value, self.slope = value, slope
-
-    @property
-    def inexact(self) -> bool:
-        return isinstance(self.value, float)
+    def __init__(self, value: Any, slope: Array | None = None, *operands: tuple[Dual, Any]):
+        self.value, self._slope, self._operands, self._place = value, slope, operands, next(_PLACES)
 
     def __add__(self, other: Any) -> Dual:
         if isinstance(other, np.ndarray | Complex):
             return NotImplemented
         if isinstance(other, Dual):
-            return Dual(self.value + other.value, self.slope + other.slope)
-        return Dual(self.value + other, self.slope)
+            return Dual(self.value + other.value, None, (self, 1), (other, 1))
+        return self if _is(other, 0) else Dual(self.value + other, None, (self, 1))
 
     def __neg__(self) -> Dual:
-        return Dual(-self.value, -self.slope)
+        return Dual(-self.value, None, (self, -1))
 
-    def __mul__(self, other: Any) -> Dual:
+    def __mul__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray | Complex):
             return NotImplemented
         if isinstance(other, Dual):
-            return Dual(self.value * other.value, self.slope * other.value + other.slope * self.value)
-        return Dual(self.value * other, self.slope * other)
+            return Dual(self.value * other.value, None, (self, other.value), (other, self.value))
+        if _is(other, 0):  # most entries of constant matrices
+            return self.value * other
+        return self if _is(other, 1) else Dual(self.value * other, None, (self, other))
 
     def __truediv__(self, other: Any) -> Dual:
         if isinstance(other, np.ndarray | Complex):
             return NotImplemented
-        return self * (1 / other) if isinstance(other, Dual) else Dual(self.value / other, self.slope / other)
+        if isinstance(other, Dual):
+            return self * (1 / other)
+        return Dual(self.value / other, None, (self, (0 * self.value + 1) / other))
 
     def __rtruediv__(self, other: Any) -> Dual:
         inverse = 1 / self.value
-        return Dual(other * inverse, self.slope * (-other * inverse * inverse))
+        return Dual(other * inverse, None, (self, -other * inverse * inverse))
 
     def sqrt(self) -> Dual:
         root = self.value.sqrt() if hasattr(self.value, "sqrt") else math.sqrt(self.value)
-        return Dual(root, self.slope / (2 * root))
+        return Dual(root, None, (self, 1 / (2 * root)))
 
     def sign(self) -> int:
         return -1 if self.value < 0 else 1
 
     def log(self) -> Dual:
-        value = math.log(self.value) if self.inexact else 0 * self.value
-        return Dual(value, self.slope * (1 / self.value))
+        value = math.log(self.value) if isinstance(self.value, float) else 0 * self.value
+        return Dual(value, None, (self, 1 / self.value))
+
+    @property
+    def slope(self) -> Array:
+        """All slopes, from the operands on."""
+        for x in self._between() if self._slope is None else ():
+            x._slope = reduce(operator.add, [_times(y.slope, factor) for y, factor in x._operands])
+            x._operands = ()
+        return self._slope
+
+    def swept(self) -> Array:
+        """All slopes, back from this number: in fewer operations for few numbers with many slopes."""
+        factors: dict[Dual, Any] = {self: 1}
+        for x in reversed(self._between()):
+            factor = factors.pop(x)
+            for y, slope in x._operands:
+                share = _times(factor, slope)
+                factors[y] = factors[y] + share if y in factors else share
+        return sum(x._slope * factor for x, factor in factors.items())
+
+    def _between(self) -> list[Dual]:
+        """The numbers that this one was computed from, and itself, without those that have a slope, in order."""
+        waiting, reached = [self], set[Dual]()
+        while waiting:
+            x = waiting.pop()
+            if x._slope is None and x not in reached:
+                reached.add(x)
+                waiting += [y for y, _ in x._operands]
+        return sorted(reached, key=lambda x: x._place)
+
+
+def _is(x: Any, value: int) -> bool:
+    return not isinstance(x, Recorded) and bool(x == value)
+
+
+def _times(x: Any, factor: Any) -> Any:
+    return x if _is(factor, 1) else x * factor
 
 
 def slopes(outputs: Array, count: int) -> Array:
@@ -86,9 +130,10 @@ def slopes(outputs: Array, count: int) -> Array:
     if imaginary is not None:
         return algebra.together(slopes(outputs, count), slopes(imaginary, count))
     out = np.zeros((*outputs.shape, count), dtype=object)
+    few = outputs.size < count
     for place in np.ndindex(outputs.shape):
         if isinstance(outputs[place], Dual):
-            out[place] = outputs[place].slope
+            out[place] = outputs[place].swept() if few else outputs[place].slope
     return out
 
 
@@ -315,13 +360,13 @@ class Field(Ring):
     _inverse: Any
 
     def __add__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else self._plus(self._of(other))
+        return NotImplemented if isinstance(other, np.ndarray | Dual) else self._plus(self._of(other))
 
     def __mul__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else self._times(self._of(other))
+        return NotImplemented if isinstance(other, np.ndarray | Dual) else self._times(self._of(other))
 
     def __truediv__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else self._times(self._of(other)._inverse())
+        return NotImplemented if isinstance(other, np.ndarray | Dual) else self._times(self._of(other)._inverse())
 
     def __rtruediv__(self, other: Any) -> Any:
         return self._of(other)._times(self._inverse())
