@@ -53,11 +53,11 @@ def noether(M, P, Q):  # M_22, for the rotations of the other directions
 
 
 def kicked(M, P, Q, e, h, eps, share=1):
-    """M + (eps/share) (e_1 ^ P~ + e_2 ^ Q~), (P~, Q~) = (P, Q) (1 - (eps^2/4) F_11)^-1; its corner is P_2 - Q_1."""
-    s, p, q = eps * eps / 4, (1 - e - h) * P, (1 - e - h) * Q
-    a, b, c, d = 1 - s * P[..., 0], s * Q[..., 0], s * P[..., 1], 1 - s * Q[..., 1]
+    """M + (eps/share) (e_1 ^ P~ + e_2 ^ Q~), (P~, Q~) = r (P, Q) (r - F_11)^-1, r = 4/eps^2; its corner P_2 - Q_1."""
+    r, p, q = 4 / (eps * eps), (1 - e - h) * P, (1 - e - h) * Q
+    a, b, c, d = r - P[..., 0], Q[..., 0], P[..., 1], r - Q[..., 1]
     K = wedge(e, vec(d) * p + vec(c) * q) + wedge(h, vec(b) * p + vec(a) * q)
-    return M + mat(eps / (share * (a * d - b * c))) * (K + mat(P[..., 1] - Q[..., 0]) * wedge(e, h))
+    return M + mat(r * eps / share / (a * d - b * c)) * (K + mat(r * (P[..., 1] - Q[..., 0])) * wedge(e, h))
 
 
 def rotor(M, gamma):  # N = gamma e_1 ^ e_2 - M_11, as a matrix of n rows
@@ -71,20 +71,21 @@ def turned(Y, V):  # cay(Y) V = V + 2 (Y + Y^2) V/(1 + |Y|^2), Y in one plane
 
 
 def turn(M, P, Q, gamma, eps):
-    """R M R^T and R cay(-k M) F; for n = 3 the second one by the product q of the quaternions 1 - y e_3 and 1 - u."""
+    """R M R^T and R cay(-k M) F; for n = 3 the second one is F + (2/(t^2 + |x|^2)) q (q - t) F with q = hat(x).
+
+    The quaternion (t, -x) is the product of (1, -y e_3), of R, and (2/eps, -w), of cay(-k M).
+    """
     if M.shape[-1] != 3:
         Y, F = eps / 2 * rotor(M, gamma), np.stack([P, Q], -1)
         F = turned(Y, cayley_columns(-eps / 2 * M, F))
         return turned(Y, turned(Y, M).mT).mT, F[..., 0], F[..., 1]
-    u, w = eps / 2 * axial(M), axial(M)
-    y = eps / 2 * gamma + u[..., 2]
-    around, across = 1 + y * y, 1 + dot(u, u)
-    scale = 2 / (around * across)
-    q = hat(stack([u[..., 0] + y * u[..., 1], u[..., 1] - y * u[..., 0], u[..., 2] + y]))
-    S = q @ q - mat(1 - y * u[..., 2]) * q
-    s = scale * across * y
-    w = stack([w[..., 0] - s * y * w[..., 0] + s * w[..., 1], w[..., 1] - s * y * w[..., 1] - s * w[..., 0], w[..., 2]])
-    return hat(w), P + vec(scale) * act(S, P), Q + vec(scale) * act(S, Q)
+    w, z = axial(M), gamma + axial(M)[..., 2]
+    y, across = eps / 2 * z, 4 / (eps * eps) + dot(w, w)
+    scale = 2 / ((1 + y * y) * across)
+    x, t = stack([w[..., 0] + y * w[..., 1], w[..., 1] - y * w[..., 0], w[..., 2] + z]), 2 / eps - y * w[..., 2]
+    s, q = scale * (across * y), hat(x)
+    P, Q = (v + vec(scale) * act(q, act(q, v) - vec(t) * v) for v in (P, Q))
+    return hat(stack([w[..., 0] + s * x[..., 1], w[..., 1] - s * x[..., 0], w[..., 2]])), P, Q
 
 
 def step(M, P, Q, *, gamma, e, h, eps):

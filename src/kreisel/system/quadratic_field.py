@@ -95,13 +95,17 @@ def kick(F, *, b, eps):  # eps (X B - B X), the change of M in a step
 
 
 def rotated(Y, F, D=1):
-    """R F R^T, R = cay(Y/D); for n = 3 R = 1 + 2 (D Y + Y^2)/(D^2 + |Y|^2), and the trace, which stays, gives F_33."""
+    """R F R^T, R = cay(Y/D).
+
+    For n = 3 R = 1 + S, S = 2 (D Y + Y^2)/(D^2 + |Y|^2); S G + (S G)^T + S G S^T, G = F - F_33, is the change of F,
+    whose trace stays.
+    """
     if F.shape[-1] != 3:
         return KINDS["symmetric"].turned(Y / mat(D), F)
     u = axial(Y)
     scale = 2 / (D * D + dot(u, u))
     S = mat(D) * Y + Y @ Y
-    T = S @ F
+    T = S @ (F - mat(F[..., 2, 2]) * identity(3))
     A = F + mat(scale) * ((T + T.mT) + mat(scale) * (T @ S.mT))
     last = F[..., 0, 0] + F[..., 1, 1] + F[..., 2, 2] - A[..., 0, 0] - A[..., 1, 1]
     return symmetric(stack([A[..., 0, 0], A[..., 0, 1], A[..., 0, 2], A[..., 1, 1], A[..., 1, 2], last]), 3)
@@ -109,7 +113,7 @@ def rotated(Y, F, D=1):
 
 def step(M, F, *, b, eps):
     D, K = impulse(F, b, eps)
-    return M + K / mat(D), rotated(-eps / 2 * (mat(D) * M + K), F, D)
+    return M + K / mat(D), rotated(-(mat(D) * M + K), F, 2 / eps * D)
 
 
 def turn(M, F, *, eps):
