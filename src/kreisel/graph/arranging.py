@@ -21,7 +21,7 @@ from kreisel.graph import graph as ops
 from kreisel.graph.graph import Graph, Number, Operand, depending, evaluated, if_positive, operands_of, where_less
 
 SAME, LOOPING = "same", 6
-CYCLES, AT_ONCE = 4, 2  # of an operation, and how many begin in one; a quotient of 13 makes no step faster
+CYCLES = 4  # of an operation; one begins in each.  A quotient of 13 makes no step faster, two at once one 14 % slower
 
 
 class _Step(NamedTuple):
@@ -252,7 +252,7 @@ class Rolled(Graph):
 
 
 def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
-    """The nodes in the order in which a processor that does `AT_ONCE` of them at a time would begin them at the latest.
+    """The nodes in the order in which a processor that begins one of them in a cycle would begin them at the latest.
 
     Compilers keep near to it.  The oldest node comes first, and no result is computed long before it is needed: two
     steps on separate scalars, one after the other, then overlap in the processor.
@@ -271,19 +271,18 @@ def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
     heapq.heapify(waiting)
     ready: list[tuple[int, int]] = []
     order: list[int] = []
-    time = 0
+    time = CYCLES
     while waiting or ready:
         while waiting and waiting[0][0] <= time:
             _, i = heapq.heappop(waiting)
             heapq.heappush(ready, (-before[i], -i))
-        for _ in range(min(AT_ONCE, len(ready))):
-            i = -heapq.heappop(ready)[1]
-            order.append(i)
-            for j in needs[i]:
-                after[j] = max(after[j], time + CYCLES)
-                users[j] -= 1
-                if not users[j]:
-                    heapq.heappush(waiting, (after[j], j))
+        i = -heapq.heappop(ready)[1]
+        order.append(i)
+        for j in needs[i]:
+            after[j] = max(after[j], time + CYCLES)
+            users[j] -= 1
+            if not users[j]:
+                heapq.heappush(waiting, (after[j], j))
         time = time + 1 if ready or not waiting else max(time + 1, waiting[0][0])
     return [nodes[i] for i in reversed(order)]
 

@@ -21,11 +21,10 @@ from kreisel.graph.recording import Piece, Recording
 # Nanoseconds a lane-step with 1, 2, 4, 8 vectors, AVX2, n = 3: lagrange-top (32 operations) 1.9, 0.94, 0.61, 0.66; its
 # moving frame (90) 2.5, 1.3, 0.89, -; clebsch (43) 3.9, 2.0, 1.4, 1.5; neumann (65) -, 3.2, 3.4, 3.6; baecklund of
 # order 2 (93) -, 3.3, 3.2, 3.8, of order 8 (233 a stage) 24, 18, 16, -; n = 5: lagrange-top (143) 9.0, 8.8, 7.5, -.
-# Each more needs longer to compile.  Where there are four, operations of two alternate, as a processor looks only some
-# hundred operations ahead: kovalevskaya-top (78) 3.1 and 3.5 without, ratiu-top (46) 3.0 and 3.5; symmetric-top (32)
-# 1.5 and 1.4, n = 5: lagrange-top 5.0 and 4.7.
+# Each more needs longer to compile.  Operations of all four alternate, as a processor looks only some hundred of them
+# ahead: kovalevskaya-gyrostat (67) 3.2 and 3.5 with two of them, ratiu-top (46) 2.4 and 2.7, kovalevskaya-top-e3 (56)
+# 3.0 and 3.5; n = 5: lagrange-top (117) 7.0 and 7.6; shorter ones differ by 2 %.
 FOUR_VECTORS, TWO_VECTORS = 120, 300  # operations of a step up to which it needs so many; beyond, in recorded order
-ALTERNATING = 45  # operations of a step from which two vectors alternate
 
 # The words of a frame, which an engine keeps: addresses of the rows z (lanes, d), c (lanes, constants) and
 # s (lanes, stages, constants), and of room for scalars of the stages; how many lanes and stages; steps between two
@@ -175,7 +174,7 @@ def written_steps(record: Recording, lanes: int, projected: bool) -> Writing:
 
     def write(f: Function) -> None:
         overlap = width > 1 and operations <= TWO_VECTORS
-        together = 2 if vectors == 4 and operations > ALTERNATING else 1
+        together = 4 if vectors == 4 else 1
         _write(f, record, splits, (width, vectors, together), overlap, projected)
 
     return Writing(key, write, vectors * width, vectors * width * Constants.count(splits))
