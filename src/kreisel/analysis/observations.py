@@ -367,7 +367,7 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
         along = axes == BODY if letter in space.letters else axes != STATE
         body = model.body_frame if along else OF_SYSTEM
         turn = body.attitude(np.eye(4)).T if letter == ORIENTATION else body.axes
-        return lambda by, state_of, *_: _part(turn @ state_of[letter] if body.turned else state_of[letter], index, name)
+        return lambda by, state_of, *_: _item(turn @ state_of[letter] if body.turned else state_of[letter], index, name)
     if letter not in table:
         known_names = [*space.letters, *(ORIENTATION,) * oriented, *table, *observables]
         raise InputError(
@@ -382,12 +382,12 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
         where = {ORIENTATION: as_matrix(model, by.numbers(state_of[ORIENTATION]))} if oriented else {}
         value: Any = table[letter](*state, **constants, **where, **{TIME: by.mixed(by.jnp.asarray(t, dtype=float))})
         value = algebra.axial(value) if np.shape(value) == (3, 3) else value
-        return _part(by.values(value), index, name)
+        return _item(by.values(value), index, name)
 
     return show
 
 
-def _part(value: Any, index: tuple[int, ...], name: str) -> Any:
+def _item(value: Any, index: tuple[int, ...], name: str) -> Any:
     """An entry, or all of them without indices.  Raises `InputError` beyond the shape, where JAX has the last entry."""
     if len(index) > value.ndim or any(i >= size for i, size in zip(index, value.shape, strict=False)):
         raise InputError(f"observations: {name}: expected indices, counted from 0, within the shape {value.shape}.")
