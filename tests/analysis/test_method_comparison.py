@@ -126,3 +126,11 @@ def test_bodies_are_compared_in_seconds() -> None:
     assert found.table.error.iloc[0] == scaled.table.error.iloc[0]
     with pytest.raises(kr.InputError, match="either bodies or systems"):
         kr.compare([body, body.model()], start, dt="0.1 s", t_end="2 s")
+
+
+@pytest.mark.parametrize("step", [lambda m, a, *, eps: (m,), lambda m, a, *, eps: a, lambda m, a, *, eps: (m, a, a)])
+def test_a_step_must_return_the_components_of_the_state(step):
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    start = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
+    with pytest.raises(kr.InputError, match=r"step: expected .*components"):
+        kr.compare({"mine": (top, step)}, start, dt=0.1, t_end=1)

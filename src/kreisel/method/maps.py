@@ -220,9 +220,20 @@ def _step(phi: Map, frame: Frame, count: int) -> Function:
 
     def step(*z: Array, **constants: Array) -> State:
         new = call(phi.step, z[:count], constants)
+        _require_components(new, z[:count])
         return (*new, *(turned_by_map(phi, frame, z[:count], new, constants, g) for g in z[count:]))
 
     return step
+
+
+def _require_components(new: Any, state: State) -> None:
+    """Raises `InputError` for anything but a sequence of components like the state's; lanes may be in front."""
+    wanted = [np.shape(x) for x in state]
+    got = [np.shape(x) for x in new] if isinstance(new, tuple | list) else new
+    if not isinstance(got, list) or [y[-len(x) :] if x else () for x, y in zip(wanted, got, strict=False)] != wanted:
+        raise InputError(f"step: expected components of the shapes {wanted}, got {shown(got)}.")
+    if len(got) > len(wanted):
+        raise InputError(f"step: expected {len(wanted)} components, got {len(got)}.")
 
 
 def _below(name: str, model: Model, x0: State, step: float, stages: str = "", **options: float) -> State:
