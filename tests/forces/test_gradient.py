@@ -72,6 +72,19 @@ def test_a_wrong_derivative_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert slope.tolist() != [Fraction(3, 2), Fraction(-9, 8)]
 
 
+@pytest.mark.parametrize("place", [1, (..., 1)])
+def test_an_entry_without_axes_is_a_number(place: Any) -> None:
+    """x[..., 1] of an array of objects is an array without axes: its derivative counts too."""
+    x = np.array([0.5, 0.25, 2.0])
+    for function, expected in (
+        (lambda a: 3 * a[0] + a[place], (3, 1)),
+        (lambda a: a[0] - a[place], (1, -1)),
+        (lambda a: a[0] * a[place], (0.25, 0.5)),
+        (lambda a: a[0] / a[place], (4, -8)),
+    ):
+        assert value_and_gradient(function, [(x, 1)])[1][0].tolist() == [*expected, 0]
+
+
 @pytest.mark.parametrize(
     "branch",
     [lambda a: max(a), lambda a: math.sin(a[0]), lambda a: a[0] if a[0] > 0 else 0, lambda a: a],

@@ -22,7 +22,6 @@ from kreisel.algebra.backend import (
     holds_objects,
     identity,
     if_positive,
-    is_exact,
     is_known_zero,
     is_number,
     lanes_in_front,

@@ -18,14 +18,6 @@ Array = Any  # an array of any library, or a NumPy object array of any field
 LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> replacements of its solve and slogdet
 
 
-def is_exact(x: Array) -> bool:
-    """True for values without round-off (an object array of a field), False for floats and their records.
-
-    One recorded number anywhere makes an array inexact: its zeros, as on the diagonal of a skew matrix, are plain.
-    """
-    return holds_objects(x) and not any(getattr(entry, "inexact", False) for entry in x.flat)
-
-
 def holds_objects(x: Array) -> bool:
     """True for a NumPy object array."""
     return hasattr(x, "dtype") and x.dtype.kind == "O"

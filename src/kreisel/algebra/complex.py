@@ -47,11 +47,6 @@ class Complex(Ring):
     def __init__(self, re: Any, im: Any = 0):
         self.re, self.im = re, im
 
-    @property
-    def inexact(self) -> bool:
-        """True for floats and their records."""
-        return any(isinstance(v, float) or getattr(v, "inexact", False) for v in (self.re, self.im))
-
     def __add__(self, other: Any) -> Complex:
         if is_array(other):
             return NotImplemented

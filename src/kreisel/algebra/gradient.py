@@ -48,11 +48,10 @@ SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
 
 def _binary(operation: str, apply: Callable[[Any, Any], Any]) -> Callable[[TracedNumber, Any], Any]:
     def operate(self: TracedNumber, operand: Any) -> Any:
-        return (
-            NotImplemented
-            if _is_array(operand)
-            else self._by(operation, apply(self.value, _value(operand)), self, operand)
-        )
+        if _is_array(operand):
+            return NotImplemented
+        operand = operand[()] if isinstance(operand, np.ndarray) else operand  # x[..., 1] of an array of objects
+        return self._by(operation, apply(self.value, _value(operand)), self, operand)
 
     return operate
 
@@ -65,7 +64,6 @@ class TracedNumber(Recorded):
     """A number that stores its operands, and its derivatives with respect to them."""
 
     __slots__ = ("parents", "place", "tape", "value")
-    inexact: ClassVar[bool] = True
     traces: ClassVar[bool] = True  # its value is a number of another kind
 
     def __init__(self, tape: list[TracedNumber], value: Any, parents: tuple[tuple[TracedNumber, Any], ...] = ()):

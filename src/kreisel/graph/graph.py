@@ -11,7 +11,7 @@ import hashlib
 import math
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -247,7 +247,6 @@ class Number(Ring, Recorded):
     """
 
     __slots__ = ("at", "graph", "negative")
-    inexact: ClassVar[bool] = True
 
     def __init__(self, graph: Graph, at: int, negative: bool = False):
         self.graph, self.at, self.negative = graph, at, negative

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +34,6 @@ class Number(Ring, Recorded):
     """A scalar of JAX, `value`."""
 
     __slots__ = ("value",)
-    inexact: ClassVar[bool] = True
 
     def __init__(self, value: Any):
         self.value = value
