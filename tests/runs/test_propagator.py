@@ -73,11 +73,11 @@ def test_steps_are_those_of_a_run(name: str, n: int, method: str, order: int | N
         assert (rows[letter] == run[letter].values).all(), letter
     last = p.steps(start, 250)
     if (name, method) == ("lagrange-top", "exact"):  # as by `at`: other arithmetic than that of rows
-        assert all(abs(last[k] - p.at(start, 250 * dt)[k]).max() < 1e-15 for k in p.letters)
+        assert all(abs(last[k] - p.at(start, 250 * dt)[k]).max() < 1e-14 for k in p.letters)
         differences = {
             k: min(abs(last[k] - s * rows[k][-1]).max() for s in ((1, -1) if k == "g" else (1,))) for k in p.letters
         }
-        assert max(differences.values()) < 1e-14
+        assert max(differences.values()) < 1e-13
     else:
         assert all((last[k] == rows[k][-1]).all() for k in p.letters)
     x0 = p.steps(start, 1, every=1)  # the start as it comes back, as numbers
@@ -132,7 +132,9 @@ def test_a_mapping_comes_back_with_what_is_observed(method: str) -> None:
     assert abs(rows["energy"] - run.energy.values).max() < 1e-14  # products are fused in another order
 
 
-@pytest.mark.parametrize("name", ["lagrange-top", "clebsch", "euler-top", "neumann", "kirchhoff", "heavy-top"])
+@pytest.mark.parametrize(
+    "name", ["lagrange-top", "clebsch", "euler-top", "neumann", "kirchhoff", "heavy-top", "quadratic-field"]
+)
 @pytest.mark.parametrize("n", [3, 4])
 @pytest.mark.parametrize("oriented", [False, True])
 def test_every_form_of_a_state_has_the_bits_of_the_others(name: str, n: int, oriented: bool) -> None:

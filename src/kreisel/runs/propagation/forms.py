@@ -251,7 +251,9 @@ def _reader(kind: str, n: int) -> Reader:
     width = algebra.KINDS[kind].count(n)
     if kind == "skew":
         return _axial if n == 3 else lambda value: _skew(value, n)
-    return lambda value: None if kind in ("symmetric", "matrix") else _vector(value, width)
+    if kind == "symmetric":
+        return lambda value: _symmetric(value, n)
+    return lambda value: None if kind == "matrix" else _vector(value, width)
 
 
 def _vector(value: Any, width: int) -> Sequence[float] | None:
@@ -277,6 +279,15 @@ def _skew(value: Any, n: int) -> Sequence[float] | None:
     if (value + value.T).any():
         return None
     numbers: list[float] = algebra.coordinates(value / 2 - value.T / 2).tolist()
+    return numbers
+
+
+def _symmetric(value: Any, n: int) -> Sequence[float] | None:
+    if not (type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (n, n)):
+        return None
+    if (value - value.T).any():
+        return None
+    numbers: list[float] = algebra.KINDS["symmetric"].pack(value).tolist()
     return numbers
 
 
