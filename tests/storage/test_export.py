@@ -181,14 +181,15 @@ def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match="must end in"):
         kr.export(archive, tmp_path / "run.txt")
     (tmp_path / "run.nc").write_text("mine")
-    with pytest.raises(kr.InputError, match="exists already"):
-        kr.export(archive, tmp_path / "run.nc")
-    with pytest.raises(kr.InputError, match="a file that Kreisel wrote"):
-        kr.export(archive, tmp_path / "run.nc", overwrite=True)
+    for overwrite in (False, True):
+        with pytest.raises(kr.InputError, match="a file that Kreisel wrote"):
+            kr.export(archive, tmp_path / "run.nc", overwrite=overwrite)
     assert (tmp_path / "run.nc").read_text() == "mine"
     for name in ("own.nc", "own.parquet"):
         for overwrite in (False, True):
             kr.export(archive, tmp_path / name, overwrite=overwrite)
+        with pytest.raises(kr.InputError, match="exists already"):
+            kr.export(archive, tmp_path / name)
     with pytest.raises(kr.InputError, match="no archive"):
         kr.export(tmp_path / "none.zarr", tmp_path / "none.nc")
     (tmp_path / "file").write_text("in the way")
