@@ -23,6 +23,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.kernels.threads import on_threads
 
 MOST_NODES = 8000  # of a stage, arranged; the transpose of 6100, a binary with tides and the Sun: 12 s, by XLA > 500 s
+SCALAR = 4  # operations on lanes in the time of one of a scalar
 VECTORS = 1, 4, 8  # columns that are taken at once
 PLAIN = (0.0, 1.0, -1.0)  # constants that are folded into the code
 
@@ -77,6 +78,7 @@ class Code:
     def __init__(self, stage: Part, close: Part | None, constants: int, of_stage: int):
         self.stage, self.close, self.sizes = stage, close, (len(stage.outputs), constants, of_stage)
         self._parts = [Part(*arranged(*part)) for part in ([stage] if close is None else [stage, close])]
+        self._work = SCALAR * sum(len(part.graph.needed(part.outputs)) for part in self._parts)
         self._key = self.sizes, *(part.graph.digest(part.outputs) for part in self._parts)
         self._kernels: dict[Any, Kernel] = {}
 
@@ -208,7 +210,7 @@ class Code:
                 start = *map(address_of, (z[i], c[i], s[i])), s.shape[1]
                 call(*start, address_of(out[i]), out.shape[1], every, length)
 
-        on_threads(len(z), len(z) * rows * every, work_on)
+        on_threads(len(z), len(z) * rows * every * s.shape[1] * self._work, work_on)
         return out
 
     def pushed(

@@ -172,9 +172,13 @@ class CpuEngine(SteppedEngine):
             parts = [*code.programs], code.project, code.every, self.z, self.constants, code.width
             self.projection = self._woven = CompiledProjection(*parts)
         elif project and not code.tried:
-            work = scheme.stage_count * code.work
-            self._between = recordable(lambda: projection_between(self, work, arrays_only=large is None))
+            self._between = recordable(lambda: projection_between(self, self.work_of_step, arrays_only=large is None))
             self.projection = self._between
+
+    @property
+    def work_of_step(self) -> int:
+        """Operations of a step."""
+        return self.work * self.scheme.stage_count
 
     def _large(self, large: LargeForm) -> Code:
         from kreisel.kernels.large.kernel import compiled_large
@@ -217,7 +221,7 @@ class CpuEngine(SteppedEngine):
         def work_on(first: int, last: int) -> None:
             call(self._frame(first), address, rows, every, done, first, last)
 
-        on_threads(lanes, len(out) * every * lanes, work_on)
+        on_threads(lanes, len(out) * every * lanes * self.work_of_step, work_on)
 
     def _by_definition(self, out: Floats, every: int, look: Look) -> None:
         for lane, z in enumerate(self.z):

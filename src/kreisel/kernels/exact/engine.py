@@ -41,7 +41,7 @@ ARGUMENTS = (
     "phases", "where", "known", "table", "circle", "constants", "places", "out",
     "lane", "lanes", "first", "last", "done",
 )  # fmt: skip
-ROW_WORK = 8  # a row is worth this number of steps of a map in an ensemble
+ROW_WORK = 1000  # a row is worth this number of operations on lanes
 
 
 def dyadic(times: Floats) -> tuple[Array, Array]:

@@ -47,7 +47,7 @@ STEPS, MORE = (4, 1), (0, 2)  # of Newton's method, in doubles and in double-dou
 SETTLED = 1e-10  # a change, relative to the interval, whose square is rounding
 ENOUGH, SMALL = 1e-12, 1e-5  # a miss, relative to the move; a move, relative to the state
 TRIALS = 8  # each with more copies of the pairs
-WORK = 400  # of a lane, in steps of a lane
+WORK = 150_000  # a lane is worth this number of operations on lanes
 
 
 class Paths(Formulas):

@@ -24,7 +24,7 @@ from kreisel.kernels.engines import Engine, corrections
 from kreisel.kernels.exact.jumps import FEW, TOLERANCE, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import FAR
-from kreisel.kernels.threads import LEAST_WORK
+from kreisel.kernels.threads import threads_for
 from kreisel.method import scheme as scheme_of
 from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
@@ -44,7 +44,8 @@ NONE: Mapping[str, Array] = MappingProxyType({})
 WHOLE_STEPS = 1e-9  # relative
 NOT_FOLDED = 0.5  # neither 0 nor 1
 MANY = 1000  # steps of a call during which other threads run
-SET_UP = 400  # steps of a lane in the time that its pairs of maps need
+SET_UP = 150_000  # operations on lanes in the time that the pairs of maps of a lane need
+FEWEST = 25  # operations of a step, before it is compiled
 AT_REST = 16  # engines kept for the next call, for each number of lanes
 EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy accepts
 AT_ZERO = 1e-10  # of the largest value within a step: then the start is the end of the last search
@@ -74,6 +75,7 @@ class Stepper:
         plain = isinstance(scheme.motion, Steps) and fixed and model.n < LARGE
         several = defaultdict[int, deque[Course]](lambda: deque(maxlen=AT_REST))
         self._courses = several if plain and not model.batch else None  # by lanes
+        self._work_of_step = FEWEST
         jump = None if scheme.orbits is None else scheme.orbits.jump
         self._jumping, self._of_top = jump is not None, isinstance(jump, Jump)
         self._jumps: dict[int, Jumps] = {}
@@ -113,8 +115,8 @@ class Stepper:
         if self._rooms is not None and lanes == 1 and time is None:
             y = self.at_once(x, count, self.dt)
             return y if y is None or x.ndim == 1 else y[None]
-        work = lanes * (count + SET_UP * (self.scheme.links is not None))
-        if self._courses is None or self.timed != (time is not None) or (lanes > 1 and work >= LEAST_WORK):
+        work = lanes * (count * self._work_of_step + SET_UP * (self.scheme.links is not None))
+        if self._courses is None or self.timed != (time is not None) or (lanes > 1 and threads_for(work) > 1):
             return None
         if self._tabled and time is not None:
             require_within(self.model, finite_number(time, "time"), time + count * self.dt)
@@ -153,6 +155,7 @@ class Stepper:
         if points is None or (engine.projection is not None and not cast("CpuEngine", engine).code.programs):
             return None
         course = Course(straight, *rows, self.forms.size, points, self.column_of(COUNT) if self.timed else None)
+        self._work_of_step = course.engine.work_of_step
         if scheme.guard and scheme.guard.component:
             course.guard = self.column_of(scheme.guard.component), scheme.guard.limit
         return course
