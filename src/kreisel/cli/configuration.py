@@ -272,7 +272,8 @@ def _tables(data: Mapping[str, Any], names: Sequence[str], faults: Faults) -> di
     """The sections of a configuration, each a table; either `system` or `body`."""
     for section in data:
         if section not in names:
-            faults.add(f"unknown section or key {shown(section)}; expected {', '.join(names)}.{hint(section, names)}")
+            advice = " A file with [sweep] is for `kreisel sweep`." if section == "sweep" else hint(section, names)
+            faults.add(f"unknown section or key {shown(section)}; expected {', '.join(names)}.{advice}")
     subject = "body" if "body" in data else "system"
     if {"body", "system"} <= data.keys():
         faults.add("expected a section [system] or [body], got both. A body of kr.physical is in [body].")
