@@ -134,3 +134,12 @@ def test_a_step_must_return_the_components_of_the_state(step):
     start = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
     with pytest.raises(kr.InputError, match=r"step: expected .*components"):
         kr.compare({"mine": (top, step)}, start, dt=0.1, t_end=1)
+
+
+def test_the_subject_that_fails_is_named() -> None:
+    """Explicit Euler's rule with such steps goes to infinity."""
+    subjects = [(BODY, {"method": "dop853"}), (BODY, euler)]
+    with pytest.raises(kr.RunError, match=r"^subjects\[1\]: .* finite"):
+        kr.compare(subjects, START, dt=0.5, t_end=100, halvings=1)
+    with pytest.raises(kr.RunError, match=r"^Euler: .* finite"):
+        kr.compare(dict(zip(("DOP853", "Euler"), subjects, strict=True)), START, dt=0.5, t_end=100, halvings=1)

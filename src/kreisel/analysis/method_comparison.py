@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,7 +14,7 @@ import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.process import SPENT
 from kreisel.record.body import as_body
@@ -95,7 +96,8 @@ def compare(
     poisson_defect   the largest entry of J P J^T - P(step), relative to P, of one step; J is its Jacobian, by
                      differences, so that a Poisson map has about 1e-12; NaN if the state cannot be varied freely
 
-    Raises `InputError` for systems with different variables or flows, and for a system without a flow.
+    Raises `InputError` for systems with different variables or flows, and for a system without a flow, and `RunError`
+    with the name of a subject whose steps fail.
     """
     listed = [_subject(subject) for subject in (subjects.values() if isinstance(subjects, Mapping) else subjects)]
     if not listed:
@@ -112,12 +114,11 @@ def compare(
     truth = _end(Subject(listed[0].model, {"method": "dop853", "tol": 1e-13}), state, dt=dt, steps=SHORT, every=SHORT)
     steps = [dt / 2**k for k in range(halvings + 1)]
     rows, errors, drifts, names = list[dict[str, Any]](), list[list[float]](), list[Array](), list[str]()
-    for subject in listed:
-        ends = [_end(subject, state, dt=h, steps=SHORT * 2**k, every=SHORT * 2**k) for k, h in enumerate(steps)]
+    labels = subjects if isinstance(subjects, Mapping) else [f"subjects[{k}]" for k in range(len(listed))]
+    for label, subject in zip(labels, listed, strict=True):
+        with _named(label):
+            ends, run, cost = _runs(subject, state, steps, t_end)
         errors.append([float(np.linalg.norm(end - truth) / np.linalg.norm(truth)) for end in ends])
-        count, before = max(1, round(t_end / dt)), SPENT["steps"]
-        run = _simulated(subject, state, dt=dt, steps=count, every=max(1, count // ROWS))
-        cost = 1e9 * (SPENT["steps"] - before) / count
         time, drift, worst = _drift(run)
         drifts.append(drift)
         names.append(_name(run, listed))
@@ -132,6 +133,23 @@ def compare(
         ),
         xr.DataArray(np.stack(drifts), {"method": names, "time": unit * time}, ("method", "time"), "drift"),
     )
+
+
+def _runs(subject: Subject, state: Any, steps: Sequence[float], t_end: float) -> tuple[list[Array], xr.Dataset, float]:
+    """The states after 8 of the longest steps, by each step, the run until t_end, and its nanoseconds a step."""
+    ends = [_end(subject, state, dt=h, steps=SHORT * 2**k, every=SHORT * 2**k) for k, h in enumerate(steps)]
+    count, before = max(1, round(t_end / steps[0])), SPENT["steps"]
+    run = _simulated(subject, state, dt=steps[0], steps=count, every=max(1, count // ROWS))
+    return ends, run, 1e9 * (SPENT["steps"] - before) / count
+
+
+@contextmanager
+def _named(label: object) -> Iterator[None]:
+    """A context in which messages about a subject begin with its name."""
+    try:
+        yield
+    except (InputError, RunError) as error:
+        raise type(error)(f"{label}: {error}") from error
 
 
 def _subject(entry: Any) -> Subject:

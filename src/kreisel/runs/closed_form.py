@@ -57,9 +57,8 @@ def at(
 ) -> xr.Dataset:
     """The states at the given times, in any order, also negative, each to full double precision.
 
-    system       the Lagrange top, n = 3, `kr.LagrangeTop`, `kr.LagrangeTopMoving` or `kr.SymmetricTop`, a free body,
-                 `kr.EulerTop`, or a gyrostat, `kr.ZhukovskyVolterra`, with parameters; or a body of `kr.physical`:
-                 times in s, the result in SI
+    system       a Lagrange top, n = 3, `kr.LagrangeTop`, `kr.LagrangeTopMoving`, `kr.SymmetricTop`, a free body or
+                 gyrostat, `kr.EulerTop`, `kr.ZhukovskyVolterra`; or a body of `kr.physical`: times in s, result in SI
     x0           the state at time 0 as for `kr.simulate`; a batch axis in front makes an ensemble
     times        one time or several (times,): doubles count as exact, and so do the state and the parameters
     method       "exact": the flow.  "suris": the iterates of the paper's map with step dt and its order, 1 or 2 as in
