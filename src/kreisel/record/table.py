@@ -320,7 +320,7 @@ def require_none(model: Model, label: str) -> None:
 
 
 def tables_exceeded(model: Model, begin: Any, end: Any) -> Iterator[tuple[str, Array, float, Any]]:
-    """Of tables that do not hold their ends: the name, the times, their unit over t, whether a run exceeds them.
+    """Name, times, their unit over t, and whether a run exceeds them, of tables that do not hold its ends.
 
     The run lasts from `begin` to `end`, which may be arrays of JAX.  Its rounding errors do not count.
     """
