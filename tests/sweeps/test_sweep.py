@@ -22,6 +22,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.cli.configuration import read_sweep
+from kreisel.storage import archive
 from kreisel.sweeps import workers
 from kreisel.sweeps.design import Lanes
 from kreisel.sweeps.ensemble import Sweep, angular_frequency
@@ -378,6 +379,27 @@ def test_a_killed_client_and_a_signal(slow: dict[str, object], tmp_path: Path) -
     assert "the same command resumes" in err
     assert blocks_done(tmp_path) >= kept + 2
     assert contents(carried(tmp_path, SLOW)) == slow
+
+
+@pytest.mark.parametrize("written", [0, 1])
+def test_a_sweep_killed_at_its_first_files_is_begun_again(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int
+) -> None:
+    """Just before, and just after, the metadata that make it count: its times are there, or it is made anew."""
+    original = archive.replace_file
+
+    def killed(path: Path, data: bytes, durable: bool = False) -> None:
+        if path.name == "zarr.json" and path.parent.suffix == ".part":
+            if written:
+                original(path, data, durable)
+            raise KeyboardInterrupt
+        original(path, data, durable)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(archive, "replace_file", killed)
+        with pytest.raises(KeyboardInterrupt):
+            carried(tmp_path)
+    assert contents(carried(tmp_path)) == contents(whole)
 
 
 def apart(begun: Any, folder: Path) -> None:

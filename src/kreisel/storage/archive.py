@@ -124,8 +124,11 @@ def new_metadata(attrs: Mapping[str, Any], layouts: Mapping[str, Mapping[str, An
     return dict(json.loads(files["zarr.json"].to_bytes()))
 
 
-def write_metadata(store: Path, root: Mapping[str, Any]) -> None:
-    """Replace all metadata: changes are listed first, and zarr.json, which counts, is written last."""
+def write_metadata(store: Path, root: Mapping[str, Any], fixed: Mapping[str, Array] | None = None) -> None:
+    """Replace all metadata: changes are listed first, and zarr.json, which counts, is written last.
+
+    `fixed`: values of the arrays without blocks, written before it.
+    """
     nodes = root["consolidated_metadata"]["metadata"]
     files = {f"{name}/zarr.json": node for name, node in nodes.items()} | {"zarr.json": root}
     data = {name: json.dumps(node).encode() for name, node in files.items()}
@@ -133,8 +136,20 @@ def write_metadata(store: Path, root: Mapping[str, Any]) -> None:
     pairs = _pairs(store / CHECKSUMS) if begun(store) else set()
     _write_list(store, pairs | {(name, hashlib.sha256(text).hexdigest()) for name, text in changed.items()})
     for name, text in changed.items():
+        if name == "zarr.json" and fixed:
+            _write_fixed(store, fixed)
         (store / name).parent.mkdir(exist_ok=True)
         replace_file(store / name, text)
+
+
+def _write_fixed(store: Path, fixed: Mapping[str, Array]) -> None:
+    import zarr
+
+    for name, values in fixed.items():
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            zarr.open_array(str(store / name), mode="r+", zarr_format=3)[:] = values
+    chunks = [f"{name}/c/0" for name in fixed]
+    _write_list(store, _pairs(store / CHECKSUMS) | {(name, digest(store / name)) for name in chunks})
 
 
 @contextlib.contextmanager
@@ -282,11 +297,7 @@ def create(
         remove(part)
     try:
         (part / BLOCKS).mkdir(parents=True)
-        write_metadata(part, new_metadata(attrs, layouts))
-        arrays = opened_arrays(part)
-        for name, values in fixed.items():
-            arrays[name][:] = values
-        _write_list(part, _pairs(part / CHECKSUMS) | {(n, digest(part / n)) for name in fixed for n in [f"{name}/c/0"]})
+        write_metadata(part, new_metadata(attrs, layouts), fixed)
         if overwrite:
             agree(path)
     except Exception:
