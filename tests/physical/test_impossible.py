@@ -80,9 +80,27 @@ def test_moments_about_the_pivot() -> None:
     with pytest.raises(kr.InputError, match=r"HeavyBody\.about_centre"):
         HeavyBody(1.0, (0.1, 0.1, 0.1), (0, 0, 1.0))
     assert HeavyBody.about_centre(1.0, (0.1, 0.1, 0.1), (0, 0, 1.0)).inertia[0, 0] == pytest.approx(1.1)
-    assert HeavyBody(0.7, (0.7 * 0.3**2, 0.7 * 0.3**2, 0.0), (0, 0, 0.3)).mass == 0.7
+    with pytest.raises(kr.InputError, match=ROD):  # not of its moments about the centre, which are rounding
+        HeavyBody(0.7, (0.7 * 0.3**2, 0.7 * 0.3**2, 0.0), (0, 0, 0.3))
     with pytest.raises(kr.InputError, match="add mass lever"):
         Gyroscope(1.0, 0.1, 0.1, 1.0)
+
+
+ROD = r"inertia: expected three moments > 0, got 0, .* a rod without thickness"
+
+
+@pytest.mark.parametrize("moments", [(1.0, 1.0, 0.0), (1.0, 0.0, 1.0), (1.0, 1.0, 1e-15)])
+def test_a_rod_without_thickness(moments: tuple[float, ...]) -> None:
+    """Two points on a line: no momentum determines the spin about the line.  Refused where it is described, in SI."""
+    for make in (FreeBody, lambda tensor: Satellite(tensor, LOW), lambda tensor: HeavyBody(1.0, tensor, (0, 0, 0))):
+        with pytest.raises(kr.InputError, match=r"inertia: expected three moments > 0, .* a rod without thickness"):
+            make(np.diag(moments))
+    with pytest.raises(kr.InputError, match=ROD):
+        FreeBody.box(1.0, (0.0, 0.0, 1.0))
+    in_water = SubmergedBody(1.0, moments, added_mass=(0, 1, 1, 1, 1, 1))  # the water resists that spin
+    assert in_water.state((0, 0, 1.0), (0, 0, 0)).P is not None
+    thin = FreeBody((1.0, 1.0, 1e-6))
+    assert thin.angular_velocity(thin.state((0.1, 0.2, 0.3)).axial["M"]) == pytest.approx([0.1, 0.2, 0.3])
 
 
 def test_toml() -> None:

@@ -14,7 +14,7 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.forced import Forced
 from kreisel.physical.free_rotation import FreeRotation, Periods, periods_of
-from kreisel.physical.inertia import Principal, inertia_tensor, principal
+from kreisel.physical.inertia import Principal, inertia_tensor, principal, require_thickness
 from kreisel.physical.measures import convert_fields, direction, in_range, momentum_in_body, si_number, si_numbers
 from kreisel.physical.shapes import read_mesh
 from kreisel.record.body import UPRIGHT
@@ -59,6 +59,7 @@ class FreeBody(Forced):
             convert_fields(self, positive=True, mass="kg")
         convert_fields(self, positive=True, time_unit="s")
         object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
+        require_thickness(self.inertia)
         for name in ("momentum_unit", "energy_unit"):
             si_number(in_range(name, lambda name=name: getattr(self, name)), "J", name, positive=True)  # type: ignore[misc]
 
@@ -148,26 +149,15 @@ class FreeBody(Forced):
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
 
         An array is read as M of a state of this body; the variable M of a run states its units and axes.  Raises
-        `InputError`, also if a moment of inertia is 0.
+        `InputError`.
         """
-        moments, axes = self._moments("The angular velocity"), self.principal.axes
+        moments, axes = self.principal
         momentum = momentum_in_body(M, self._body_frame)
         return in_range("Omega", lambda: momentum @ axes / moments @ axes.T)
-
-    def _moments(self, label: str) -> Array:
-        """The principal moments.  Raises `InputError` if one is 0."""
-        moments = self.principal.moments
-        if moments.min() <= CLOSE * moments.max():
-            raise InputError(
-                f"{label} is not determined by the momentum: expected three moments > 0, got {moments.tolist()}. Usual "
-                "cause: a rod without thickness. Give it its thickness."
-            )
-        return moments
 
     def rotation(self, spin: Any, axis: Any = None) -> FreeRotation:
         """The motion that begins with this spin, in closed form: periods, precession, polhode.  Raises `InputError`."""
         Omega = angular_velocity_of(spin, axis)
-        self._moments("The rotation")
         if Omega.shape != (3,) or not Omega.any():
             raise InputError(
                 f"spin: expected one angular velocity that is not zero, got {shown(spin)}. Usual cause: several at a "
@@ -184,7 +174,7 @@ class FreeBody(Forced):
         NaN for steady rotations; near the separatrix digits are lost, which `rotation` keeps.  Raises `InputError`.
         """
         Omega = angular_velocity_of(spin, axis) @ self.principal.axes
-        order = np.argsort(self._moments("The periods"))
+        order = np.argsort(self.principal.moments)
         I = self.principal.moments[order]  # noqa: E741
         if not I[0] < I[1] < I[2]:
             raise InputError(f"periods: expected three different moments, got {I.tolist()}. rotation(spin) has both.")
@@ -210,7 +200,7 @@ class FreeBody(Forced):
         About the axis 1 a disturbance goes as exp(s t), s^2 = spin^2 (I1 - I2)(I3 - I1)/(I2 I3).  Raises `InputError`.
         """
         rate = abs(si_number(spin, "rad/s", "spin"))
-        moments, axes = self._moments("The stability"), self.principal.axes
+        moments, axes = self.principal
         in_range("The growth", lambda: rate * moments.max() / moments.min())
         result = []
         for i in range(3):

@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
 from kreisel.physical.forced import Forced
-from kreisel.physical.inertia import inertia_tensor, mass_tensor, steiner
+from kreisel.physical.inertia import inertia_tensor, mass_tensor, require_thickness, steiner
 from kreisel.physical.measures import (
     STANDARD_GRAVITY,
     attitude_quaternion,
@@ -64,6 +64,7 @@ class HeavyBody(Forced):
         central = np.linalg.eigvalsh(mass_tensor(self.inertia - steiner(self.mass, self.arm)))
         rounding = CLOSE * np.trace(self.inertia)  # of a difference, 0 for a point on a light rod
         require_body(central + rounding, "about its centre of mass", PIVOT, rod=True)
+        require_thickness(self.inertia)
         require_range(self, "weight_torque", "time_unit", "momentum_unit")
 
     @classmethod

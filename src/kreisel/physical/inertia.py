@@ -26,6 +26,16 @@ def inertia_tensor(value: Any, name: str = "inertia", *cause: str) -> Array:
     return inertia
 
 
+def require_thickness(inertia: Array) -> None:
+    """Raises `InputError` if a principal moment is 0: no momentum determines the spin about its axis."""
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] <= CLOSE * moments[-1]:
+        raise InputError(
+            f"inertia: expected three moments > 0, got {', '.join(f'{x:.6g}' for x in moments)} kg m^2. Usual cause: a "
+            "rod without thickness. Give it its thickness."
+        )
+
+
 def are_diagonals(value: Any) -> bool:
     """Whether the rows of (3, 3) are moments of three bodies; then it is not a tensor.
 

@@ -17,7 +17,7 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.files import place
 from kreisel.physical.ellipsoid import Ellipsoid
 from kreisel.physical.forced import Forced
-from kreisel.physical.free_body import FreeBody
+from kreisel.physical.inertia import inertia_tensor
 from kreisel.physical.measures import (
     STANDARD_GRAVITY,
     attitude_quaternion,
@@ -81,7 +81,7 @@ class SubmergedBody(Forced):
         if self.displaced_mass is None:
             object.__setattr__(self, "displaced_mass", self.mass)
         convert_fields(self, least=0.0, gravity="m/s^2", displaced_mass="kg")
-        object.__setattr__(self, "inertia", FreeBody(self.inertia).inertia)
+        object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
         convert_fields(self, shapes=((3,),), center_of_mass="m", center_of_buoyancy="m", current="m/s")
         for name, shapes in (("added_mass", SIX), ("linear_drag", SIX[:1]), ("quadratic_drag", SIX[:1])):
             object.__setattr__(self, name, _six(getattr(self, name), name, shapes))

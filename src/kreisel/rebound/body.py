@@ -65,11 +65,6 @@ class Body:
         number = isinstance(inertia, int | float | np.number)
         body = FreeBody(np.full(3, inertia) if number else inertia)
         moments = body.principal.moments
-        if moments.min() <= 0:
-            raise InputError(
-                f"inertia: expected three moments > 0, got {shown(moments.tolist())}. Usual cause: a rod without "
-                "thickness, or a point. Give it its thickness, or leave it a particle."
-            )
         g = body.orientation(self.orientation)
         if g.shape != (4,):
             raise InputError(f"orientation: expected one unit quaternion (w, x, y, z), got {shown(self.orientation)}.")
