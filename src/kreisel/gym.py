@@ -87,8 +87,14 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Observations after `every`, rewards, and whether episodes ended; after an end, a reset."""
         none, action = np.zeros(self.num_envs, dtype=bool), np.clip(floats(actions), -1.0, 1.0)
-        if not self._state or action.shape != self.action_space.shape or np.isnan(action).any():
-            raise InputError(f"actions: expected reset() before, {self.action_space}, got {shown(actions)}.")
+        if not self._state:
+            raise InputError("step: expected reset() before, which begins the episodes, got none. Call envs.reset().")
+        if action.shape != (shape := self.action_space.shape):
+            words = "a row for each lane, an entry for each axis, wheel or dipole"
+            raise InputError(f"actions: expected the shape {shape}, {words}, got {action.shape}.")
+        if len(rows := np.flatnonzero(np.isnan(action).any(-1))):
+            got = f"{shown(action[rows[0]].tolist())} in lane {rows[0]}"
+            raise InputError(f"actions: expected no NaN, got {got}. Usual cause: an agent that diverged.")
         if self._count == self._steps:
             return self.reset()[0], np.zeros(self.num_envs), none, none, {}
         state, begun, self._count = self._state, self._count * self.every, self._count + 1
