@@ -271,3 +271,12 @@ def test_bad_input_is_named(change: dict[str, Any], message: str) -> None:
     asked: dict[str, Any] = {"system": TOP, "observations": DATA, "free": ["p[2]"], "x0": X0, "dt": 0.1, **change}
     with pytest.raises(kr.InputError, match=message):
         kr.fit(asked.pop("system"), asked.pop("observations"), **asked)
+
+
+def test_unknowns_of_a_body_have_the_names_of_its_runs() -> None:
+    """Names that the message lists are accepted."""
+    body = kr.physical.FreeBody((1.0, 2.0, 2.5))
+    run = kr.simulate(body, body.state((1.0, 0.1, 0.2)), dt=0.1, steps=20, progress=False)
+    with pytest.raises(kr.InputError, match=r"J, M \(momentum\), orientation, got 'spin'"):
+        kr.fit(body, run, free=["spin"])
+    assert kr.fit(body, run, free=["momentum[0]"]).table["value"].iloc[0] == pytest.approx(1 / (5.5 / 3))

@@ -443,6 +443,14 @@ def test_an_archive_that_begins_later_is_checked(tmp_path) -> None:
     assert check_archive(tmp_path / "later.zarr")[0].attrs["t_start"] == 3000.0
 
 
+def test_a_start_between_samples_has_the_name_of_the_argument() -> None:
+    """t_start in `kr.simulate`, time in `kr.differentiable` and in the steps of a propagator."""
+    body = noisy(noise={}, limits={})
+    motion = kr.differentiable(body, order=(2, 2), orientation=True)
+    with pytest.raises(kr.InputError, match=r"^time: expected a multiple of dt = 1 s, .* got 0\.5"):
+        motion(body.state(SPIN), dt=1.0, steps=2, time=0.5)
+
+
 @pytest.mark.parametrize(
     ("when", "said"),
     [

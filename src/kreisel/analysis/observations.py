@@ -72,9 +72,10 @@ def unknowns(
     for name, start in asked.items():
         letter, index = parse_quantity(name)
         if letter not in kinds:
+            words = {k: f"{k} ({word})" for k, word in model.body_frame.names.items()}  # of a body
             raise InputError(
-                f"free: expected parameters or components of {model.system.name}, {', '.join(kinds)}, got "
-                f"{shown(name)}.{hint(letter, kinds)}"
+                f"free: expected parameters or components of {model.system.name}, "
+                f"{', '.join(words.get(k, k) for k in kinds)}, got {shown(name)}.{hint(letter, kinds)}"
             )
         if letter in model.system.space.letters and model.system.space.constraints:
             raise InputError(

@@ -79,8 +79,8 @@ def _sampler(model: Model) -> Controller | None:
     return record.control if record is not None and record.sampled else None
 
 
-def require_whole_samples(model: Model, dt: float, start: float = 0.0) -> None:
-    """Raises `InputError` for steps that do not divide the time between two samples of a controller, or miss them."""
+def require_whole_samples(model: Model, dt: float, start: float = 0.0, name: str = "t_start") -> None:
+    """Raises `InputError` for steps that do not divide the time between samples, or miss one; `name` of the start."""
     control = _sampler(model)
     if control is None:
         return
@@ -94,7 +94,7 @@ def require_whole_samples(model: Model, dt: float, start: float = 0.0) -> None:
         )
     if _is_fraction(count):
         raise InputError(
-            f"t_start: expected a multiple of dt = {dt:g} s, at which the controller is sampled, got "
+            f"{name}: expected a multiple of dt = {dt:g} s, at which the controller is sampled, got "
             f"{start * control.time:g}."
         )
 

@@ -353,7 +353,7 @@ def _at_times(by: Any, model: Model, start: Parts, dt: Any, time: Any, steps: in
         lost = [exceeded for *_, exceeded in tables_exceeded(model, time, end)]
         valid = by.mixed(by.jnp.where(sum(lost, samples_missed(model, dt, time)), by.jnp.nan, 1.0))
         return tuple(valid * x for x in start)
-    require_whole_samples(model, float(dt), float(time))
+    require_whole_samples(model, float(dt), float(time), "time")
     require_within(model, float(time), float(end))
     return start
 
