@@ -175,7 +175,9 @@ class Graph:
             at = waiting.pop()
             if at not in reached and (members is None or at in members):
                 reached.add(at)
-                waiting += [x.at for x in nodes[at] if type(x) is Number]
+                for x in nodes[at]:
+                    if type(x) is Number and x.at not in reached:
+                        waiting.append(x.at)
         return sorted(reached)
 
     def needed_inside(self, body: Loop | Branch) -> list[int]:
@@ -221,6 +223,10 @@ def operands_of(node: Node) -> list[Number]:
 
 
 def _key(operation: str, operands: Sequence[Operand]) -> tuple[Any, ...]:
+    if len(operands) == 2:
+        x, y = operands
+        if type(x) is Number and type(y) is Number:  # most nodes; pairs within the key need twice as long
+            return operation, x.at, y.at, x.negative, y.negative
     return (operation, *[(x.at, x.negative) if type(x) is Number else x for x in operands])
 
 
@@ -287,7 +293,8 @@ class Number(Ring, Recorded):
             b, b_negative = abs(float(other)), other < 0
         a = self.positive
         if self.negative == b_negative:
-            return self.record(PLUS, *sorted((a, b), key=_age), negative=self.negative)
+            operands = _older_first(a, b) if isinstance(b, Number) else (a, b)
+            return self.record(PLUS, *operands, negative=self.negative)
         plus, minus = (b, a) if self.negative else (a, b)
         if self.graph.has(MINUS, minus, plus):
             return self.record(MINUS, minus, plus, negative=True)
@@ -295,8 +302,7 @@ class Number(Ring, Recorded):
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Number):
-            operands = sorted((self.positive, other.positive), key=_age)
-            return self.record(TIMES, *operands, negative=self.negative != other.negative)
+            return self.record(TIMES, *_older_first(self, other), negative=self.negative != other.negative)
         if not is_number(other):
             return NotImplemented
         if other in (0, 1, -1):
@@ -378,8 +384,8 @@ def is_number(x: Any) -> bool:
     return isinstance(x, Number | int | float | Fraction | np.integer | np.floating)
 
 
-def _age(x: Operand) -> float:
-    return x.at if isinstance(x, Number) else math.inf
+def _older_first(x: Number, y: Number) -> tuple[Number, Number]:
+    return (y.positive, x.positive) if y.at < x.at else (x.positive, y.positive)
 
 
 def integer_power(x: Any, exponent: Any) -> Any:

@@ -260,11 +260,17 @@ def _read(file: Path) -> bytes | None:
     return code if seal == _seal(file, code) else None
 
 
-def _write(file: Path, code: bytes) -> None:
-    for half in file.parent.glob(f"{HALF}*"):  # of writers that were killed
+@cache  # once for a process: to look through a folder of 5,000 kernels takes longer than to compile a small one
+def _sweep(folder: Path) -> None:
+    """Files of writers that were killed are deleted."""
+    for half in folder.glob(f"{HALF}*"):
         with contextlib.suppress(OSError):
             if half.stat().st_mtime < time.time() - LONG:
                 half.unlink()
+
+
+def _write(file: Path, code: bytes) -> None:
+    _sweep(file.parent)
     handle, name = tempfile.mkstemp(prefix=HALF, dir=file.parent)
     try:
         with os.fdopen(handle, "wb") as out:
