@@ -6,7 +6,7 @@ all lanes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -110,55 +110,68 @@ def candidates(model: Model) -> dict[str, Function]:
     return {**out, **model.system.integrals}
 
 
-Slopes = list[tuple[Any, Any]]  # (the derivative along the perturbation, its scale) of each part of a function
+Slopes = list[tuple[Any, Any]]  # (derivative along the perturbation, its scale) of each part, at one or many times
 
 
 def _in_sum(bodies: list[Slopes]) -> list[Slopes]:
     """The slopes of the sum over two bodies."""
-    return [[(x + y, max(s, t)) for (x, s), (y, t) in zip(*bodies, strict=True)]]
+    return [[(x + y, np.maximum(s, t)) for (x, s), (y, t) in zip(*bodies, strict=True)]]
 
 
 def _survives(models: list[Model], function: Function, of: Callable[[list[Slopes]], list[Slopes]]) -> list[bool]:
     """The surviving parts of a function, in rationals if possible, else in doubles; of one body or of two."""
     try:
-        exactly = [Model(model.system, {k: _rationals(v) for k, v in model.params.items()}) for model in models]
-        with np.errstate(all="ignore"):
-            return _all_of_parts(exactly, function, of, _fraction, lambda slope, scale: _is_zero(slope))
+        return _all_of_parts(models, function, of, exact=True)
     except (TypeError, AttributeError, ValueError, ZeroDivisionError, InputError):
-        with np.errstate(all="ignore"):
-            return _all_of_parts(models, function, of, float, lambda slope, scale: abs(slope) <= ZERO * scale)
+        return _all_of_parts(models, function, of, exact=False)
 
 
 def _all_of_parts(
-    models: list[Model],
-    function: Function,
-    of: Callable[[list[Slopes]], list[Slopes]],
-    number: Callable[[float], Any],
-    still: Callable[[Any, Any], bool],
+    models: list[Model], function: Function, of: Callable[[list[Slopes]], list[Slopes]], exact: bool
 ) -> list[bool]:
-    points = [
-        [bool(still(*slope)) for slope in body] for point in _slopes(models, function, number) for body in of(point)
-    ]
-    return [all(column) for column in zip(*points, strict=True)]
+    result: list[bool] = []
+    keys = [model.key for model in models]
+    with np.errstate(all="ignore"):
+        numbers = [_in_rationals(model) for model in models] if exact else models
+        for k in range(POINTS):
+            bodies = reused((_point, *keys, exact, k), lambda k=k: _point(numbers, exact, k))  # type: ignore[misc]
+            slopes = [
+                [
+                    (sum((slope * rate).T), max(abs(slope)) * abs(rate).max(-1))
+                    for slope in _slopes_at(member, function, z)
+                ]
+                for member, (z, rate) in zip((numbers[0], numbers[-1]), bodies, strict=False)
+            ]
+            for body in of(slopes):
+                holds = [_is_zero(*slope, exact) for slope in body]
+                result = [x and y for x, y in zip(result, holds, strict=True)] if result else holds
+            if not any(result):  # decided, as for most forces at the first point
+                break
+    return result
 
 
-def _is_zero(slope: Any) -> bool:
+def _is_zero(slope: Any, scale: Any, exact: bool) -> bool:
+    if not exact:
+        return bool(np.all(abs(slope) <= ZERO * scale))
     if not isinstance(slope, Fraction | int):
         raise TypeError(f"expected a rational number, got {type(slope).__name__}")
     return slope == 0
 
 
-def _rationals(x: Array) -> Array:
-    return np.array([Fraction(float(v)) for v in np.ravel(x)], dtype=object).reshape(np.shape(x))
+def _in_rationals(model: Model) -> Model:
+    def rationals(x: Array) -> Array:
+        return np.array([Fraction(float(v)) for v in np.ravel(x)], dtype=object).reshape(np.shape(x))
+
+    return Model(model.system, {k: rationals(v) for k, v in model.params.items()})
 
 
 def _fraction(x: float) -> Fraction:
     return Fraction(round(8 * x), 8)
 
 
-def _slopes(models: list[Model], function: Function, number: Callable[[float], Any]) -> Iterator[list[Slopes]]:
-    """The slopes of one body, or of the two of a pair, at random points."""
-    rng = np.random.default_rng(1)
+def _point(models: list[Model], exact: bool, k: int) -> list[tuple[tuple[Array, ...], Array]]:
+    """The k-th random state, and the rates there (d,) or (time, d), of one body, or of the two of a pair."""
+    rng, number = np.random.default_rng((1, k)), _fraction if exact else float
     model, in_pairs = models[0], pairs_of(models[0]) is not None
     space, n = model.system.space, model.n
 
@@ -166,28 +179,24 @@ def _slopes(models: list[Model], function: Function, number: Callable[[float], A
         result = np.array([number(v) for v in rng.normal(size=shape).flat])
         return result.reshape(shape)
 
-    times = TIMES if number is float and kicks.perturbation_of(model.system).names(TIME) else None
-    for _ in range(POINTS):
-        t = draw((1,))[0] if times is None else times
-        bodies, rates, slopes = [], [], []
-        for member in (models[0], models[-1])[: 1 + in_pairs]:
-            state = space.point(n, draw)
-            slopes.append(_slopes_at(member, function, state))
-            turn = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
-            bodies.append(Body(tuple(_at_times(z, times) for z in state), _at_times(turn, times), t))
-            rates.append(kicks.rates(member.system, bodies[-1], member.constants, member.axes)[0])
-        if in_pairs:
-            of_pairs, axes = constants_of_pairs(model)
-            mean = {k: _mean(v, rng.random(len(v)), number) for k, v in of_pairs.items()}
-            pulled = kicks.pulls(model.system, (bodies[0], bodies[1]), mean, axes)[:2]
-            rates = [tuple(x + y for x, y in zip(*pair, strict=True)) for pair in zip(rates, pulled, strict=True)]
-        flat = [algebra.flatten(rate, space.kinds) for rate in rates]
-        for together in zip(*(np.atleast_2d(rate) for rate in flat), strict=True):
-            if times is None or np.isfinite(np.concatenate(together)).all():  # some forces overflow at late times
-                yield [
-                    [(sum(slope * rate), max(abs(slope)) * max(abs(rate))) for slope in row]
-                    for row, rate in zip(slopes, together, strict=True)
-                ]
+    times = None if exact or not kicks.perturbation_of(model.system).names(TIME) else TIMES
+    t = draw((1,))[0] if times is None else times
+    states, bodies, rates = [], [], []
+    for member in (models[0], models[-1])[: 1 + in_pairs]:
+        states.append(space.point(n, draw))
+        turn = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
+        bodies.append(Body(tuple(_at_times(z, times) for z in states[-1]), _at_times(turn, times), t))
+        rates.append(kicks.rates(member.system, bodies[-1], member.constants, member.axes)[0])
+    if in_pairs:
+        of_pairs, axes = constants_of_pairs(model)
+        mean = {k: _mean(v, rng.random(len(v)), number) for k, v in of_pairs.items()}
+        pulled = kicks.pulls(model.system, (bodies[0], bodies[1]), mean, axes)[:2]
+        rates = [tuple(x + y for x, y in zip(*pair, strict=True)) for pair in zip(rates, pulled, strict=True)]
+    flat = [algebra.flatten(rate, space.kinds) for rate in rates]
+    if times is not None:  # some forces overflow at late times
+        finite = np.isfinite(np.concatenate(flat, -1)).all(-1)
+        flat = [rate[finite] for rate in flat]
+    return list(zip(states, flat, strict=True))
 
 
 def _at_times(x: Array, times: Array | None) -> Array:
