@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, SupportsIndex
 from kreisel.algebra import KINDS, Array, coordinate_count, invariants, restore
 from kreisel.algebra.reuse import KEPT, cached_property
 from kreisel.display import show
+from kreisel.errors import InputError, explained, require_one_of
 from kreisel.record.calling import Function, call, keywords, naming, require_names
 from kreisel.record.model import Model
 from kreisel.record.values import require_one_reading
@@ -132,6 +133,7 @@ ADJOINT_SPACE, ADJOINT_PAIR_SPACE = (
 TWO_FIELDS_SPACE = semidirect("(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector"), ("Q", "vector")), invariants.gram)
 
 
+@explained
 @dataclass(frozen=True)
 class Parameter:
     """A parameter: its letter, kind, meaning and valid range.
@@ -154,6 +156,10 @@ class Parameter:
     positive: bool = False  # the entries must be positive
     fixed: str = ""
     rank: int | None = None
+
+    def __post_init__(self) -> None:
+        if not str(self.kind).startswith("R^"):
+            require_one_of([*KINDS, "array", "table"], self.kind, f"The kind of the parameter {self.letter}")
 
     @property
     def axes(self) -> int | None:
@@ -474,6 +480,7 @@ def _velocity(
     return Omega if spin is None else Omega + call(spin, state, constants)
 
 
+@explained
 @dataclass(frozen=True)
 class System:
     """The record of a system.  Call it with parameters to get a `Model`: `LagrangeTop(p=(0, 0, 1))`.
@@ -566,6 +573,12 @@ class System:
         return str(show("system", self))
 
     def __post_init__(self) -> None:
+        names = [*self.space.letters, "eps", "lam", *(p.letter for p in self.parameters)]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise InputError(
+                f"{self.name}: parameters: expected letters that neither another parameter nor the state nor the step "
+                f"has, {', '.join(self.space.letters)}, eps, lam, got {twice[0]}."
+            )
         letters = "\n".join(f"    {p.letter} ({p.kind}): {p.meaning}" for p in self.parameters)
         text = f"{self.title}: {self.equations}  [{self.source}]\n\nParameters:\n{letters}\n\n{self.scaling}"
         object.__setattr__(self, "__doc__", text)

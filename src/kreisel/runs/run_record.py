@@ -72,7 +72,7 @@ class Subject:
         """Whether the system is user-defined: an archive holds no code, so its model is not available."""
         from kreisel.bodies import KNOWN
 
-        return self.bare not in KNOWN
+        return self.bare not in KNOWN or (self.system in KNOWN and self.system_sha256 is not None)
 
     @cached_property
     def model(self) -> Model:
@@ -84,8 +84,8 @@ class Subject:
 
         if self.is_own:
             raise InputError(
-                f"{self.system} is none of Kreisel's systems, and a run holds no code. For a user-defined system, give "
-                "it as system=... to kr.resume or kr.analysis.error, or run it again with more steps."
+                f"{self.system} is none of Kreisel's systems, or a record of yours under this name, and a run holds no "
+                "code. Give it as system=... to kr.resume or kr.analysis.error, or run it again with more steps."
             )
         values, frame = _an_object(self.parameters, "parameters"), self.body_frame
         return Model(known_system(self.system, values, frame), values, frame)

@@ -21,6 +21,7 @@ from kreisel.record.body import as_body
 from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM
 from kreisel.record.calling import Portable
 from kreisel.record.contract import System
+from kreisel.record.functions import require_functions
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
 from kreisel.record.values import by_lane
@@ -195,6 +196,7 @@ def check_model(model: Any) -> None:
             f"{f' Give it {needs} first.' if needs else ''}"
             f"{' This call needs the scaled system of the body: body.model().' if as_body(model) else ''}"
         )
+    require_functions(model)
     if BODIES.get(model.system.name, model.system) is not model.system:
         raise InputError(
             f"name: expected one that no body of Kreisel has, got {shown(model.system.name)}. Give another to "
