@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import kreisel as kr
+from kreisel.algebra.reuse import forget
 from kreisel.errors import RunError
+from kreisel.graph.recording import Recording
 from kreisel.method import METHODS, splitting_coefficients
 from kreisel.method.splitting_coefficients import Splitting, conditions, splitting
 from sizes import FULL
@@ -43,6 +45,21 @@ def reference(body: Any, time: float) -> np.ndarray:
     run = kr.simulate(body, body.state(M=M0), dt=time, steps=1, orientation=Q, method="dop853", tol=1e-13)
     assert abs(run.M.values[-1] - found[:3]).max() < 1e-9  # 3e-12
     return found
+
+
+def test_orders_of_several_stages_are_recorded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They differ in their stages alone; with two kinds of perturbations a third power divides the kicks."""
+    recorded, record = list[Any](), Recording.__init__
+    monkeypatch.setattr(Recording, "__init__", lambda *args: recorded.append(1) or record(*args))
+    one = kr.perturbed(FREE, potential=weight, params={"k": 0.7})
+    two = kr.perturbed(FREE, potential=weight, inertia=1.1 * I, params={"k": 0.7})
+    for body, orders, most in ((one, ((4, 2), 4, (8, 2), (8, 6, 4), 6), 2), (two, ((4, 2), (8, 6, 4), (8, 2)), 4)):
+        recorded.clear()
+        shared = {order: end(body, 0.1, 1.0, order) for order in orders}
+        assert 1 <= len(recorded) <= most  # with the projection and without it
+        for order in reversed(orders):
+            forget()
+            assert (end(body, 0.1, 1.0, order) == shared[order]).all()
 
 
 @pytest.mark.parametrize(

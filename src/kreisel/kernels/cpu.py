@@ -68,7 +68,7 @@ class Code:
     work: int
     programs: tuple[Program, ...] = ()  # of the invariants, and of the orientation
     project: Any = None  # `compiled` of them
-    every: int = 0  # steps between two projections
+    cost: float = 0.0  # operations of a projection
     width: int = 1  # lanes that are projected at once
     tried: bool = False
 
@@ -87,13 +87,10 @@ def code_of(
             return Code(None, WORK + 50 * scheme.n**3)
         programs = _programs(scheme, columns) if project and scheme.n <= MOST_N else None
         width = WIDE if len(constants) > 1 and record.straight else 1
-        every, project_them = 0, None
-        if programs:
-            every = interval(cost_of(programs), record.work * scheme.stage_count, scheme.between)
-            project_them = compiled(programs, width)
+        project_them = compiled(programs, width) if programs else None
         steps = compiled_steps(record, len(constants), bool(programs))
         tried = programs is not None
-        return Code(steps, record.work, tuple(programs or ()), project_them, every, width, tried)
+        return Code(steps, record.work, tuple(programs or ()), project_them, cost_of(programs or []), width, tried)
 
     return reused(key, make)
 
@@ -124,6 +121,8 @@ class SteppedEngine:
     def adopts(self, scheme: Scheme, z: Floats) -> bool:
         """Go on from z by a scheme of the same kernel, with other constants; whether that can be."""
         if scheme.kernel_key is None or scheme.kernel_key != self.scheme.kernel_key or len(z) != len(self.z):
+            return False
+        if scheme.stage_count != self.scheme.stage_count:
             return False
         if scheme is not self.scheme:
             changed = _changed(scheme.constants, self.scheme.constants)
@@ -169,7 +168,8 @@ class CpuEngine(SteppedEngine):
         self.code, self.work = code, code.work  # operations of a stage
         self._frames: dict[int, tuple[int, Any]] = {}
         if code.programs:
-            parts = [*code.programs], code.project, code.every, self.z, self.constants, code.width
+            every = interval(code.cost, self.work_of_step, scheme.between)
+            parts = [*code.programs], code.project, every, self.z, self.constants, code.width
             self.projection = self._woven = CompiledProjection(*parts)
         elif project and not code.tried:
             self._between = recordable(lambda: projection_between(self, self.work_of_step, arrays_only=large is None))

@@ -54,15 +54,16 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
         from kreisel.forces.control import require_whole_samples
 
         require_whole_samples(model, dt)
-    key, without_dt = (Scheme, model.key, record.name, dt, order, oriented), (model.key, record.name, order, oriented)
+    key = Scheme, model.key, record.name, dt, order, oriented
 
     def make() -> Scheme:
         scheme = record.make(model, dt, order, oriented)
+        in_motion = order if scheme.order_in_motion is None else (scheme.order_in_motion, scheme.stage_count > 1)
         return replace(
             scheme,
             held=scheme.held or held_by_orientation(model, scheme.components),
             definition_key=key,
-            kernel_key=without_dt if scheme.dt_in_constants else key,
+            kernel_key=(model.key, record.name, in_motion, oriented) if scheme.dt_in_constants else key,
         )
 
     return reused(key if kept else None, make)

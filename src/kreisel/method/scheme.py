@@ -256,9 +256,10 @@ class Scheme:
     coupling: Coupling | None = None
     corrector: Corrector | None = None
     dt_in_constants: bool = False  # whether dt enters only `constants` and `stages`, apart from observed variables
+    order_in_motion: Any = None  # all that the motion depends on of the order, if the rest is in `stages`
     # Compiled code is kept by these; None for code that is not kept.  Schemes with the same
     definition_key: tuple[Any, ...] | None = None  # differ only in constants of the trajectory
-    kernel_key: tuple[Any, ...] | None = None  # differ only in constants, dt among them, and have one kernel
+    kernel_key: tuple[Any, ...] | None = None  # differ only in constants, dt and stages, and have one kernel
     compiled: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)  # of one lane
 
     @property

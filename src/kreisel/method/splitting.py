@@ -290,6 +290,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         reopen=body.begin,
         options={"order": order},
         dt_in_constants=True,
+        order_in_motion=body.parts,
         guard=guard if body.integrable.reach is not None else None,
         coupling=coupling,
         corrector=None
