@@ -28,6 +28,13 @@ def test_cases_are_listed_and_printed() -> None:
     assert math.isclose(float(data["exact"][0]["attitude"][2]), math.sqrt(0.5), rel_tol=1e-15)
 
 
+@pytest.mark.parametrize("time", ["nan", "inf", "-5", "31"])
+def test_times_that_are_none_of_the_case(time: str) -> None:
+    refused = RUNNER.invoke(app, ["checkcase", "tumbling-brick", f"--at={time}"])
+    assert isinstance(refused.exception, kr.InputError)
+    assert ("--at" if time in ("nan", "inf") else "0 to 30 s") in str(refused.exception)
+
+
 def test_the_csv_is_the_exact_motion_and_is_not_lost(tmp_path: Path) -> None:
     path = tmp_path / "truth.csv"
     assert RUNNER.invoke(app, ["checkcase", "pole", "--csv", str(path), "--rows", "5"]).exit_code == 0

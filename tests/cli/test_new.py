@@ -181,6 +181,8 @@ def test_commands_write_and_refuse(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         (["lagrange-top", "-o", "x.txt"], "ends in .toml"),
         (["spin-chain", "--perturbed"], "n = 3"),
         (["lagrange-top", "--perturbed", "--sweep"], "several"),
+        (["satellite", "--n", "4"], "satellite: expected n = 3, got n = 4"),
+        (["komarov", "--n", "4"], "komarov: expected n = 3, got n = 4"),
     ):
         assert command(monkeypatch, tmp_path, "new", *words) == 2
         message = capsys.readouterr().err

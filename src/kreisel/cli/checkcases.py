@@ -71,8 +71,9 @@ def checkcase(
 def _print(case: Case, at: list[float], as_json: bool) -> None:
     from kreisel.checkcases.exactly import UNITS, exact, unit_of
     from kreisel.checkcases.motion import CERTAINTY
+    from kreisel.runs.settings import finite_number
 
-    times = [Fraction(t) for t in at] or [case.duration]
+    times = [Fraction(finite_number(t, "--at")) for t in at] or [case.duration]
     states = [case.exact(time) for time in times]
     if as_json:
         motion = [

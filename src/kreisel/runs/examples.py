@@ -117,7 +117,10 @@ def example(system: System, n: int | None = None, values: Mapping[str, Any] | No
     if body is not None:
         parameters = {**body["parameters"], **(values or {})}
         first = [*body["orientation"]] if "orientation" in body else None
-        result = _planned(system(**parameters), parameters, body["state"], first, body["dt"])
+        model = system(**parameters)
+        if n not in (None, model.n):
+            raise InputError(f"{system.name}: expected n = {model.n}, got n = {n}.")
+        result = _planned(model, parameters, body["state"], first, body["dt"])
         return replace(result, meanings=body["meanings"])
     size = n or system.n or (SITES if system.space.name.startswith("(so(3)") else 3)
     last: Exception = InputError(f"{system.name}: no example was found.")
@@ -126,6 +129,9 @@ def example(system: System, n: int | None = None, values: Mapping[str, Any] | No
             model = system(**parameters)
         except InputError as error:
             last = error
+            continue
+        if n not in (None, model.n):
+            last = InputError(f"expected n = {model.n}, got n = {n}.")
             continue
         for state in itertools.islice(_states(model), TRIED):
             try:
