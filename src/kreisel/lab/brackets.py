@@ -19,12 +19,13 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, objects
 from kreisel.algebra.complex import Complex
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.lab import modular
 from kreisel.lab.exact import Pole, independent, slopes
 from kreisel.lab.integrals import MOST_MONOMIALS, SPARE, Polynomial, monomial_values, monomials, rational_kernel
 from kreisel.lab.modular import PRIMES, Mod, random_residues, residues_at, without_poles
 from kreisel.lab.subject import Subject, difference, differential
+from kreisel.runs.settings import within
 
 
 @dataclass(frozen=True)
@@ -68,10 +69,11 @@ def defect(subject: Subject, tensor: Callable[[Array], Array], seed: int = 0) ->
     return difference(subject, sides, seed, points=20)
 
 
+@explained
 def brackets(subject: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]:
     """A basis of the bivectors of that degree that the map preserves."""
     pairs = list(itertools.combinations(range(subject.dim), 2))
-    count = _checked_count(len(pairs) * math.comb(subject.dim + degree, degree), degree)
+    count = _checked_count(len(pairs), subject.dim, degree)
     exponents = list(monomials(subject.dim, degree))
 
     def rows(p: int, seeds: list[int]) -> Array:
@@ -100,9 +102,10 @@ def brackets(subject: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]
     return bivectors
 
 
+@explained
 def volumes(subject: Subject, degree: int = 2, seed: int = 0) -> list[Volume]:
     """Bases of the densities rho, and of the inverse densities, of that degree that the map preserves."""
-    count = _checked_count(math.comb(subject.dim + degree, degree), degree)
+    count = _checked_count(1, subject.dim, degree)
     exponents = list(monomials(subject.dim, degree))
     densities: list[Volume] = []
     for inverse in (False, True):
@@ -120,7 +123,8 @@ def volumes(subject: Subject, degree: int = 2, seed: int = 0) -> list[Volume]:
     return densities
 
 
-def _checked_count(count: int, degree: int) -> int:
+def _checked_count(pairs: int, dim: int, degree: int) -> int:
+    count = pairs * math.comb(dim + within(degree, "degree", 0, 10_000), degree)
     if count > MOST_MONOMIALS:
         raise InputError(f"Degree {degree} has {count} unknowns; at most {MOST_MONOMIALS} are tried. Use a lower one.")
     return count
@@ -205,6 +209,7 @@ class Lax:
         return text
 
 
+@explained
 def lax(
     subject: Subject,
     L: Callable[..., Array] | None = None,

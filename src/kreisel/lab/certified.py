@@ -19,7 +19,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.lab.exact import Dual, generators, independent, rationals, require_flint, slopes
 from kreisel.lab.integrals import Polynomial
 from kreisel.lab.subject import Subject, coordinate_names
@@ -63,6 +63,7 @@ class Certified:
         return text + (f"\n    stopped: {self.stopped}" if self.stopped else "")
 
 
+@explained
 def certify(
     subject: Subject,
     x: Any,
@@ -184,6 +185,7 @@ class Proof:
         return f"{self.statement}: {'proved' if self.holds else 'false'}, for all {', '.join(self.unknowns)}"
 
 
+@explained
 def prove(claimed: System | Model, names: tuple[str, ...] = ("casimir", "energy"), n: int = 3) -> list[Proof]:
     """For each name, "casimir", "energy" or an integral of the record: f(step(z)) = f(z) identically.
 

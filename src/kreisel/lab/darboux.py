@@ -20,12 +20,13 @@ import numpy as np
 
 from kreisel.algebra import Array, objects
 from kreisel.algebra.invariants import determinant
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.lab import integrals, modular
 from kreisel.lab.exact import Pole, Ratio, fraction, fractions, generators, independent, require_flint, slopes
 from kreisel.lab.integrals import SPARE, Exponents, Polynomial, Product, expanded, monomial_values, monomials, products
 from kreisel.lab.modular import PRIMES, random_residues, residue, residues_at, without_poles
 from kreisel.lab.subject import Subject, stacked
+from kreisel.runs.settings import within
 
 MOST_COFACTORS = 600
 LARGEST = 10_000  # number in a cofactor
@@ -51,11 +52,13 @@ class Darboux:
     densities: tuple[Product, ...]
 
 
+@explained
 def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
     """Darboux polynomials up to a degree, with their integrals and measures; for maps of few coordinates.
 
     Raises `InputError` for maps that are not rational, and if there are too many cofactors to try.
     """
+    within(degree, "degree", 1, 100)
     factors, jacobian, most = _factors(subject)
     polynomials: list[Polynomial] = []
     cofactors: list[Cofactor] = []

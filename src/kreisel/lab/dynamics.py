@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, shown
+from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.graph.graph import Graph, TooLong
 from kreisel.kernels.adjoint import Code, recorded
 from kreisel.lab.subject import Subject, float_start
@@ -185,6 +185,7 @@ def tangents(subject: Subject, x: Array, count: int | None, seed: int = 0) -> Ar
     return np.linalg.qr(vectors.T)[0][:, : min(free, count or free)].T
 
 
+@explained
 def dynamics(
     subject: Subject, x: Array | None = None, steps: int = 10_000, *, count: int | None = None, seed: int = 0
 ) -> Dynamics:
@@ -239,6 +240,7 @@ def points(subject: Subject, x: Array | None = None, steps: int = 4096, seed: in
     return np.concatenate([x[None], CompiledOrbit(subject, x).advance(1, steps)])
 
 
+@explained
 def frequencies(subject: Subject, x: Array | None = None, steps: int = 4096, lines: int = 6, seed: int = 0) -> Any:
     """Angular frequencies a step of a generic function along the orbit: `kreisel.analysis.frequencies.Lines`."""
     from kreisel.analysis.frequencies import lines_of
@@ -248,6 +250,7 @@ def frequencies(subject: Subject, x: Array | None = None, steps: int = 4096, lin
     return lines_of(np.arange(len(orbit), dtype=float), (orbit - orbit.mean(0)) @ weights, lines)
 
 
+@explained
 def section(
     subject: Subject,
     f: Callable[[Array], Array],

@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, objects
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.lab.darboux import jacobian_factors
 from kreisel.lab.exact import Field, fractions, rationals, require_flint
 from kreisel.lab.integrals import Polynomial
 from kreisel.lab.modular import PRIMES, ROOT, Mod, poles_marked, random_residues, reconstructed, residue, without_poles
 from kreisel.lab.subject import Subject, stacked
+from kreisel.runs.settings import within
 
 FEWEST, MOST = 64, 1 << 13  # points
 CERTAIN = 6  # the degree of the largest quotient; by chance it is this large with probability about p^-6 times N
@@ -79,13 +80,16 @@ class Growth:
         return f"degrees {shown}: exponential growth, entropy {self.entropy:.9g}"
 
 
+@explained
 def growth(subject: Subject, iterates: int = 20, seed: int = 0) -> Growth:
     """Degrees of that many iterates of a map, and their growth.  Raises `InputError` for maps that are not rational."""
     return fitted_growth(degrees(subject, iterates, seed))
 
 
+@explained
 def degrees(subject: Subject, iterates: int = 20, seed: int = 0) -> tuple[int, ...]:
     """d_0, d_1, ...; fewer than asked for where a degree is beyond MOST/2.  On two primes, which must agree."""
+    within(iterates, "iterates", 0, 10_000)
 
     def over(p: int) -> tuple[int, ...]:
         return without_poles(subject.name, lambda attempt: _degrees(subject, iterates, [seed, attempt], p))
@@ -255,6 +259,7 @@ def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
     return out
 
 
+@explained
 def heights(subject: Subject, x: Any, steps: int = 20) -> Heights:
     """The heights along the orbit over Q from x.  Raises `InputError` as `exact_orbit` does."""
     return Heights(tuple(_bits(point) for point in exact_orbit(subject, x, steps)))
@@ -284,6 +289,7 @@ class Cycles:
         return self.p + 1 + 2 * math.sqrt(self.p)
 
 
+@explained
 def cycles(subject: Subject, p: int, starts: int = 200, limit: int | None = None, seed: int = 0) -> Cycles:
     """Cycles modulo a prime p from random points, followed for at most `limit` steps, by default 10 p.
 
@@ -379,6 +385,7 @@ class Singularity:
         return f"{self.curve} = 0: {orbit}" + ("" if self.confined else " -> ..., not confined")
 
 
+@explained
 def singularities(subject: Subject, steps: int = 12, seed: int = 0) -> list[Singularity]:
     """The curves that a map of the plane contracts, with their orbits.  Raises `InputError` for other maps."""
     if subject.dim != 2:

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, objects
-from kreisel.errors import InputError, RunError
+from kreisel.errors import InputError, RunError, explained
 from kreisel.lab import dynamics, modular
 from kreisel.lab.exact import Pole, fraction, rationals, ring
 from kreisel.lab.modular import PRIMES, Mod, random_residues, residue, without_poles
 from kreisel.lab.subject import Subject, float_start
+from kreisel.runs.settings import within
 
 STEPS = 6  # of each orbit: few, over many orbits, so that no integral is a constant by chance
 SPARE = 30  # rows more than monomials: a false integral passes with probability p^-SPARE
@@ -84,7 +85,8 @@ class Product:
 
 
 def require_few_monomials(subject: Subject, degree: int, most: int) -> None:
-    """Raises `InputError` for a degree with more than `most` monomials."""
+    """Raises `InputError` for a degree that is no integer from 0 on, or has more than `most` monomials."""
+    within(degree, "degree", 0, 10_000)
     count = math.comb(subject.dim + degree, degree)
     if count > most:
         raise InputError(
@@ -93,6 +95,7 @@ def require_few_monomials(subject: Subject, degree: int, most: int) -> None:
         )
 
 
+@explained
 def integrals(
     subject: Subject, degree: int = 2, *, quotients: bool = False, seed: int = 0
 ) -> list[Polynomial | Product]:

@@ -19,7 +19,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.complex import Complex
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.lab import exact
 from kreisel.lab import law as orders
 from kreisel.lab.exact import along, random_rotation, slopes
@@ -504,6 +504,8 @@ def drawn_case(system: System | Model, n: int, numbers: str, draw: exact.Random)
     """A case with random values from `draw`."""
     record = system.system if isinstance(system, Model) else system
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)
+    if numbers == "exact" and any(v.dtype.kind == "f" for v in model.params.values()):  # a model that was given
+        model = record(**{k: exact.rationals(v) if v.dtype.kind == "f" else v for k, v in model.params.items()})
     state = record.space.point(n, draw)
     eps = abs(draw((1,)))[0] / 4  # short enough for the logarithms of Lagrangians in floats
     if record.map is not None and record.map.largest_step is not None and numbers == "float":
@@ -519,6 +521,7 @@ def test(law: Law, case: Case, seed: int = 0) -> Verdict:
     return Verdict(case.system.name, law.name, case.model.n, case.numbers, seed, off, holds)
 
 
+@explained
 def check(
     system: System | Model,
     dimensions: Iterable[int] = (3, 4),

@@ -96,6 +96,11 @@ class Subject:
         def step(x: Array) -> Array:
             try:
                 new = np.asarray(self.step(x, **constants), dtype=object)
+            except IndexError as error:
+                raise InputError(
+                    f"names: expected a name for each coordinate of the step of {self.name}, got "
+                    f"{', '.join(self.names)}: {error}."
+                ) from error
             except (TypeError, AttributeError) as error:
                 raise InputError(
                     f"The step of {self.name} failed on residues modulo {p}: {error}. Exact experiments need a "
@@ -197,11 +202,15 @@ def subject(
             "Give a model with a map, such as kr.LagrangeTop(p=(0, 0, 1)), or a function step(x) with the names of its "
             f"coordinates, names=('x', 'y'), got {shown(candidate)}."
         )
+    if len(set(names)) != len(names):
+        raise InputError(f"names: expected each coordinate once, got {shown(names)}.")
     return Subject(getattr(candidate, "__name__", "step"), candidate, tuple(names), constants)
 
 
 def _of_model(model: Model, eps: Any) -> Subject:
     system, n = model.system, model.n
+    if model.batch:
+        raise InputError(f"{system.name}: expected parameters of one body, got a batch {model.batch}.")
     space, mapped = system.space, model.map
     implicit = f"The map of {system.name} is implicit" if not mapped.rational or system.numbers != "any" else ""
     constants = {k: exact.fractions(v) for k, v in model.constants.items()}

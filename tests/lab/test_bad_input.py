@@ -1,0 +1,63 @@
+"""Wrong arguments of the laboratory are named; a model with its parameters is tested exactly too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.lab import certified, laws
+from kreisel.lab.brackets import brackets, lax, volumes
+from kreisel.lab.darboux import darboux
+from kreisel.lab.dynamics import dynamics
+from kreisel.lab.growth import growth, singularities
+from kreisel.lab.integrals import integrals
+from kreisel.lab.subject import subject
+
+pytest.importorskip("flint")
+
+
+def henon(x: Any) -> Any:
+    return np.array([1 + x[1] - 2 * x[0] * x[0], -x[0]], dtype=object)
+
+
+MAP = subject(henon, names=("x", "y"))
+BODY: Any = kr.Clebsch(b=(1, 2, 4))
+MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
+    "iterates as text": (lambda: growth(MAP, "3"), "iterates must be an integer"),  # type: ignore[arg-type]
+    "half an iterate": (lambda: growth(MAP, 2.5), "iterates must be an integer"),  # type: ignore[arg-type]
+    "iterates before 0": (lambda: growth(MAP, -1), "iterates must be an integer from 0"),
+    "a model for a subject": (lambda: growth(BODY, 3), "expected subject of the type Subject, got clebsch"),
+    "a function for a subject": (lambda: integrals(henon, 2), "expected subject of the type Subject"),  # type: ignore[arg-type]
+    "singularities": (lambda: singularities(BODY), "expected subject of the type Subject"),
+    "lax": (lambda: lax(BODY), "expected subject of the type Subject"),
+    "dynamics": (lambda: dynamics(BODY), "expected subject of the type Subject"),
+    "a degree below 0": (lambda: integrals(MAP, -1), "degree must be an integer from 0"),
+    "brackets": (lambda: brackets(MAP, -1), "degree must be an integer from 0"),
+    "volumes": (lambda: volumes(MAP, "2"), "degree must be an integer from 0"),  # type: ignore[arg-type]
+    "no degree": (lambda: darboux(MAP, 0), "degree must be an integer from 1"),
+    "a name twice": (lambda: subject(henon, names=("x", "x")), "names: expected each coordinate once"),
+    "a name too few": (lambda: growth(subject(henon, names=("x",)), 3), "a name for each coordinate .* got x: index"),
+    "lanes": (lambda: subject(kr.LagrangeTop(p=[(0, 0, 1), (0, 0, 2)])), r"one body, got a batch \(2,\)"),
+    "a map to prove": (lambda: certified.prove(henon), "expected claimed of the type System | Model"),  # type: ignore[arg-type]
+    "a name for a record": (lambda: laws.check("clebsch"), "expected system of the type System | Model"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_are_named(mistake: str) -> None:
+    call, said = MISTAKES[mistake]
+    with pytest.raises(kr.InputError, match=said):
+        call()
+
+
+def test_a_model_is_tested_over_the_rationals() -> None:
+    """With its parameters, floats, as exact values; a flow of twice the speed is seen."""
+    verdicts = laws.check(BODY, numbers=["exact"])
+    assert len(verdicts) > 10 and all(v.holds and v.residual == 0 for v in verdicts)
+    twice = replace(kr.Clebsch, flow=lambda *z, b: tuple(2 * x for x in kr.Clebsch.flow(*z, b=b)))  # type: ignore[misc]
+    assert "hamiltonian-flow" in {v.law for v in laws.check(twice(b=(1, 2, 4)), numbers=["exact"]) if not v.holds}
