@@ -175,10 +175,11 @@ def ordered_sum(a: Sequence[Any], b: Sequence[Any], degrees: tuple[int, ...]) ->
     time = 0
     for step, weight in zip(a, b, strict=False):
         time += step
+        factors = [weight * time**degree for degree in degrees]
         for last in range(len(degrees), 0, -1):
             term: Any = 1
             for m in range(1, last + 1):  # the last m of the factors fall on this kick
-                term = term * weight * time ** degrees[last - m] / m
+                term = term * factors[last - m] / m
                 totals[last] += totals[last - m] * term
     return totals[-1]
 
