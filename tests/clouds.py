@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from support import cross, rotation_matrix
+
 G = 6.67430e-11  # CODATA
 
 
@@ -21,19 +23,10 @@ def cloud(seed: int, mass: float, size: float) -> tuple[Any, Any]:
     return m * mass / m.sum(), x * size
 
 
-def matrix(q: Any) -> Any:
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-
-
 def newton(t: float, z: Any, clouds: Any) -> Any:
     """The rates of place, velocity, angular momentum and quaternion of each cloud, in an inertial frame."""
     rows = z.reshape(len(clouds), 13)
-    arms = [x @ matrix(row[9:]).T for (_, x), row in zip(clouds, rows, strict=True)]
+    arms = [x @ rotation_matrix(row[9:]).T for (_, x), row in zip(clouds, rows, strict=True)]
     pulls = [np.zeros_like(x) for x in arms]  # on each point
     for i, j in combinations(range(len(clouds)), 2):
         d = (rows[j, :3] + arms[j])[None] - (rows[i, :3] + arms[i])[:, None]
@@ -44,8 +37,8 @@ def newton(t: float, z: Any, clouds: Any) -> Any:
     for (m, _), y, row, pull in zip(clouds, arms, rows, pulls, strict=True):
         inertia, q = (m @ (y * y).sum(-1)) * np.eye(3) - np.einsum("k,ki,kj->ij", m, y, y), row[9:]
         w = np.linalg.lstsq(inertia, row[6:9])[0]
-        turning = 0.5 * np.array([-w @ q[1:], *(q[0] * w + np.cross(w, q[1:]))])
-        rates += [row[3:6], pull.sum(0) / m.sum(), np.cross(y, pull).sum(0), turning]
+        turning = 0.5 * np.array([-w @ q[1:], *(q[0] * w + cross(w, q[1:]))])
+        rates += [row[3:6], pull.sum(0) / m.sum(), sum(map(cross, y, pull)), turning]
     return np.concatenate(rates)
 
 

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from kreisel.physical import FreeBody, Orbit, Satellite
+from support import cross, rotation_matrix
 
 MU, RADIUS = 3.986004418e14, 6378137.0 + 500e3  # WGS 84
 MOMENTS = np.array([0.01, 0.03, 0.035])
@@ -18,10 +19,10 @@ def by_scipy(times, q, rates):
 
     def slope(t, y):
         q, w = y[:4], y[4:]
-        C = Rotation.from_quat(q, scalar_first=True).as_matrix()
+        C = rotation_matrix(q)
         u = C.T @ [np.cos(n * t), np.sin(n * t), 0]
-        torque = 3 * n**2 * np.cross(u, MOMENTS * u) - np.cross(w, MOMENTS * w)
-        return [-q[1:] @ w / 2, *((q[0] * w + np.cross(q[1:], w)) / 2), *(torque / MOMENTS)]
+        torque = 3 * n**2 * cross(u, MOMENTS * u) - cross(w, MOMENTS * w)
+        return [-q[1:] @ w / 2, *((q[0] * w + cross(q[1:], w)) / 2), *(torque / MOMENTS)]
 
     out = solve_ivp(slope, times[[0, -1]], [*q, *rates], method="DOP853", t_eval=times, rtol=1e-12, atol=1e-15)
     return Rotation.from_quat(out.y[:4].T, scalar_first=True)

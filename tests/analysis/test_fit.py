@@ -15,6 +15,7 @@ from scipy.stats import chi2
 import kreisel as kr
 from kreisel import algebra
 from kreisel.analysis import fit as fits
+from support import cross, rotation_matrix
 
 TOP = kr.LagrangeTop(p=(0, 0, 1.3))
 X0 = TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
@@ -26,7 +27,7 @@ NOISE = 0.01
 def spinning(time: np.ndarray, moments: Any = (5.0, 4.0, 3.0)) -> np.ndarray:
     """Omega by Euler's equations."""
     I = np.asarray(moments)  # noqa: E741
-    made = solve_ivp(lambda t, M: np.cross(M, M / I), (0, time[-1]), M0, "DOP853", time, rtol=1e-11, atol=1e-12)
+    made = solve_ivp(lambda t, M: cross(M, M / I), (0, time[-1]), M0, "DOP853", time, rtol=1e-11, atol=1e-12)
     return made.y.T / I
 
 
@@ -155,11 +156,11 @@ def tumbling(time: np.ndarray) -> np.ndarray:
         s, c = np.sin(rate * t), np.cos(rate * t)
         u = np.array([c, np.cos(TILT) * s, np.sin(TILT) * s])
         field = 29.35e-6 * (6_371_200 / RADIUS) ** 3 * (np.array([0, 0, 1]) - 3 * u[2] * u)
-        to_body = Rotation.from_quat(q, scalar_first=True).inv()
-        up = to_body.apply(u)
-        torque = 3 * rate**2 * np.cross(up, INERTIA * up) + np.cross(DIPOLE, to_body.apply(field))
-        turn = np.append(-q[1:] @ omega, q[0] * omega + np.cross(q[1:], omega)) / 2
-        return np.append(turn, (torque - np.cross(omega, INERTIA * omega)) / INERTIA)
+        to_body = rotation_matrix(q).T
+        up = to_body @ u
+        torque = 3 * rate**2 * cross(up, INERTIA * up) + cross(DIPOLE, to_body @ field)
+        turn = np.append(-q[1:] @ omega, q[0] * omega + cross(q[1:], omega)) / 2
+        return np.append(turn, (torque - cross(omega, INERTIA * omega)) / INERTIA)
 
     found = solve_ivp(equations, (0, time[-1]), [*ATTITUDE, *SPIN], "DOP853", time, rtol=1e-10, atol=1e-13)
     return np.asarray(found.y[4:].T)
@@ -191,7 +192,7 @@ def test_an_attitude_is_found_from_quaternions_of_either_sign_and_what_takes_it(
 
     def equations(t: float, y: np.ndarray) -> np.ndarray:
         omega = y[4:] / (5.0, 4.0, 3.0)
-        return np.append(np.append(-y[1:4] @ omega, y[0] * omega + np.cross(y[1:4], omega)) / 2, np.cross(y[4:], omega))
+        return np.append(np.append(-y[1:4] @ omega, y[0] * omega + cross(y[1:4], omega)) / 2, cross(y[4:], omega))
 
     made = solve_ivp(equations, (0, 3), [*first, *M0], "DOP853", time, rtol=1e-12, atol=1e-12).y
     signs = np.random.default_rng(2).choice([-1, 1], size=31)

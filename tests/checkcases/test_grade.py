@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
+from support import cross
 
 BRICK = kr.checkcases.case("tumbling-brick")
 MOMENTS = np.array([0.00189422, 0.006211019, 0.007194665]) * 14.593902937206364 * 0.3048**2  # kg m^2
@@ -19,7 +20,7 @@ MOMENTS = np.array([0.00189422, 0.006211019, 0.007194665]) * 14.593902937206364 
 def field(w: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Euler's equations and the rate of a quaternion (x, y, z, w), body to space."""
     xyz, s = q[:3], q[3]
-    return -np.cross(w, MOMENTS * w) / MOMENTS, np.append(s * w + np.cross(xyz, w), -xyz @ w) / 2
+    return -cross(w, MOMENTS * w) / MOMENTS, np.append(s * w + cross(xyz, w), -xyz @ w) / 2
 
 
 def runge_kutta(parts: int, rows: int = 61) -> SimpleNamespace:
@@ -108,7 +109,7 @@ def test_a_mistake_that_is_not_listed_is_not_named() -> None:
     """The first moment of inertia 3 % too large."""
     moments = MOMENTS * [1.03, 1, 1]
     start, times = np.radians([10.0, 20, 30]), BRICK.times(61)
-    run = solve_ivp(lambda t, w: -np.cross(w, moments * w) / moments, (0, 30), start, "DOP853", times, rtol=1e-10)
+    run = solve_ivp(lambda t, w: -cross(w, moments * w) / moments, (0, 30), start, "DOP853", times, rtol=1e-10)
     grade = BRICK.grade(times, angular_velocity=run.y.T)
     assert grade.relative > 1e-2
     assert grade.mistake is None

@@ -12,6 +12,7 @@ from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
+from support import cross
 
 Values = dict[str, np.ndarray]
 ROWS = 61
@@ -35,10 +36,10 @@ class Body:
         self.times = self.case.times(ROWS)
 
     def torque(self, R: np.ndarray) -> np.ndarray:
-        return np.cross(self.arm, R.T @ (self.weight * self.down))
+        return cross(self.arm, R.T @ (self.weight * self.down))
 
     def acceleration(self, w: np.ndarray, R: np.ndarray) -> np.ndarray:
-        return np.linalg.solve(self.I, self.torque(R) - np.cross(w, self.I @ w))
+        return np.linalg.solve(self.I, self.torque(R) - cross(w, self.I @ w))
 
     def rotation_rate(self, w: np.ndarray, R: np.ndarray) -> np.ndarray:
         return R @ hat(w)
@@ -67,7 +68,7 @@ def no_gyroscopic_term(b: Body) -> Values:
 
 
 def wrong_sign(b: Body) -> Values:
-    b.acceleration = lambda w, R: np.linalg.solve(b.I, b.torque(R) + np.cross(w, b.I @ w))
+    b.acceleration = lambda w, R: np.linalg.solve(b.I, b.torque(R) + cross(w, b.I @ w))
     return b.run()
 
 
@@ -76,7 +77,7 @@ def not_turned(b: Body) -> Values:
 
     def acceleration(w: np.ndarray, R: np.ndarray) -> np.ndarray:
         v = R @ w
-        return R.T @ np.linalg.solve(b.I, R @ b.torque(R) - np.cross(v, b.I @ v))
+        return R.T @ np.linalg.solve(b.I, R @ b.torque(R) - cross(v, b.I @ v))
 
     b.acceleration = acceleration
     return b.run()

@@ -14,7 +14,7 @@ from kreisel.algebra import recorded
 from kreisel.algebra.gradient import value_and_gradient
 from kreisel.graph.arranging import pulled, pushed
 from kreisel.graph.graph import APPLIED, Graph, evaluated
-from support import compiled_outputs
+from support import compiled_outputs, cross
 
 I = np.array([1.0, 1.7, 2.5])  # noqa: E741
 
@@ -106,7 +106,7 @@ START = np.array([0.7, 0.4, 1.2])
 
 def reference(most: float, time: float) -> np.ndarray:
     def rate(_: float, M: np.ndarray) -> np.ndarray:
-        return np.cross(M, M / I) + brake(M, most=most)
+        return cross(M, M / I) + brake(M, most=most)
 
     return solve_ivp(rate, (0, time), START, "DOP853", rtol=1e-11, atol=1e-12, max_step=0.05).y[:, -1]
 

@@ -18,6 +18,7 @@ from kreisel.method.splitting import Splitting
 from kreisel.record.model import Model
 from kreisel.runs.planning import make_plan
 from kreisel.sweeps.lanes import check_archive
+from support import cross
 
 TOP = kr.LagrangeTop(p=(0, 0, 1), alpha=[0.5, 0.7, 1.1])
 PAIRS = [(0, 1), (1, 2)]
@@ -59,7 +60,8 @@ def by_vectors(k: np.ndarray, time: float) -> np.ndarray:
         for (i, j), each in zip(PAIRS, k, strict=True):
             f[i] += each * a[j]
             f[j] += each * a[i]
-        return np.concatenate([np.cross((0, 0, 1), a) + np.cross(a, f), np.cross(m, a)], -1).ravel()
+        rows = zip(m, a, f, strict=True)
+        return np.ravel([(cross((0, 0, 1), b) + cross(b, c), cross(n, b)) for n, b, c in rows])
 
     start = np.concatenate([START["m"], START["a"]], -1).ravel()
     return solve_ivp(rates, (0, time), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1].reshape(3, 6)
@@ -292,9 +294,8 @@ def unequal_by_vectors(time: float, gamma: float) -> np.ndarray:
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         M, P = y.reshape(2, 2, 3).swapaxes(0, 1)
         slopes = 0.1 * np.array([P[1] + (P[1, 2], 0, 0), P[0] + (0, 0, P[0, 0])])
-        Omega = M / MOMENTS
-        pulled = np.cross(M, Omega) + np.cross(P, slopes + np.array([0, 0, 1])) - gamma * M
-        return np.stack([pulled, np.cross(P, Omega)], 1).ravel()
+        rows = zip(M, P, M / MOMENTS, slopes + np.array([0, 0, 1]), strict=True)
+        return np.ravel([(cross(m, w) + cross(p, f) - gamma * m, cross(p, w)) for m, p, w, f in rows])
 
     start = np.stack([UNEQUAL["M"], UNEQUAL["P"]], 1).ravel()
     found = solve_ivp(rates, (0, time), start, method="DOP853", rtol=1e-13, atol=1e-14)

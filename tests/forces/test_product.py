@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel.forces.invariants import conserved
+from support import cross
 
 TOP = kr.LagrangeTop(p=(0, 0, 1), alpha=0.5)
 HEAVY = kr.HeavyTop(J=(1, 2, 2.5), A=(0.1, 0.2, 0.3))
@@ -44,8 +45,8 @@ def by_vectors(time: float) -> np.ndarray:
         m, a, M, P = y.reshape(4, 3)
         by_a, by_P = k * P[0] * np.cos(t) * np.array([0, 0, 1]), k * a[2] * np.cos(t) * np.array([1, 0, 0])
         Omega = M / moments
-        top = np.cross((0, 0, 1), a) - np.cross(a, by_a), np.cross(m, a)
-        return np.concatenate([*top, np.cross(M, Omega) + np.cross(P, A + by_P), np.cross(P, Omega)])
+        top = cross((0, 0, 1), a) - cross(a, by_a), cross(m, a)
+        return np.concatenate([*top, cross(M, Omega) + cross(P, A + by_P), cross(P, Omega)])
 
     start = np.concatenate([START["m1"], START["a1"], (0.3, 0.2, 0.1), (0, 0.6, 0.8)])
     return np.asarray(solve_ivp(rates, (0, time), start, method="DOP853", rtol=1e-12, atol=1e-11).y[:, -1])

@@ -15,6 +15,7 @@ import kreisel as kr
 from compilers import output
 from kreisel.languages.bodies import CONVENTIONS as STATED
 from kreisel.languages.bodies import Convention
+from support import cross
 
 
 class Engine(Convention):
@@ -84,12 +85,12 @@ def rotated(q: Any, v: Any) -> Any:
 def points_in_engine(engine: Engine) -> Any:
     """The points at the end, m: the engine integrates the equations with its own components of everything."""
     inertia, S = engine.tensor(TENSOR), engine.matrix / engine.length
-    torque = np.cross(S @ AT, S @ FORCE)  # as a user of the engine computes it
+    torque = cross(S @ AT, S @ FORCE)  # as a user of the engine computes it
 
     def rates(t: float, y: Any) -> Any:
         q, w = y[:4], y[4:]
-        turned = np.append(q[3] * w + np.cross(q[:3], w), -q[:3] @ w) / 2
-        return np.append(turned, np.linalg.solve(inertia, torque - np.cross(w, inertia @ w)))
+        turned = np.append(q[3] * w + cross(q[:3], w), -q[:3] @ w) / 2
+        return np.append(turned, np.linalg.solve(inertia, torque - cross(w, inertia @ w)))
 
     first = np.append(engine.quaternion(START), engine.axial(SPIN))
     last = solve_ivp(rates, (0, TIME), first, method="DOP853", rtol=1e-11, atol=1e-11).y[:, -1]
@@ -102,7 +103,7 @@ def points_in_space() -> Any:
     def rates(t: float, y: Any) -> Any:
         R, L = y[:9].reshape(3, 3), y[9:]
         w = R @ np.linalg.solve(TENSOR, R.T @ L)
-        return np.append(np.cross(w, R.T).T.ravel(), R @ np.cross(AT, FORCE))
+        return np.append(np.stack([cross(w, r) for r in R.T], -1), R @ cross(AT, FORCE))
 
     R = Rotation.from_quat(START, scalar_first=True).as_matrix()
     first = np.append(R.ravel(), R @ TENSOR @ SPIN)

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from compilers import output, run, syntax_errors
-from support import EXAMPLES, ROOT
+from support import EXAMPLES, ROOT, cross, rotation_matrix
 
 ENGINES, STUBS = EXAMPLES / "engines", Path(__file__).parent / "stubs"
 BODY = kr.physical.FreeBody((1.0, 2.0, 2.5))
@@ -131,8 +130,8 @@ def test_lammps(tmp_path: Path) -> None:
     inertia, L, torque = np.array([b + c, a + c, a + b]), np.array([0.3, 1.0, 0.5]), np.array([0.1, -0.2, 0.3])
 
     def rates(t: float, q: Any) -> Any:
-        w = Rotation.from_quat(q, scalar_first=True).inv().apply(L + t * torque) / inertia
-        return [-q[1:] @ w / 2, *(q[0] * w + np.cross(q[1:], w)) / 2]
+        w = (L + t * torque) @ rotation_matrix(q) / inertia
+        return [-q[1:] @ w / 2, *(q[0] * w + cross(q[1:], w)) / 2]
 
     wanted = solve_ivp(rates, (0, 2), [0.5, 0.5, -0.1, 0.7], method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
     assert apart([float(x) for x in got], wanted) < 1e-5

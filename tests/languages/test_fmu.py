@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel.languages import fmu
+from support import cross
 
 fmpy = pytest.importorskip("fmpy")
 TENSOR = np.array([[2.0, 0.3, -0.2], [0.3, 3.0, 0.4], [-0.2, 0.4, 4.0]])  # kg m^2
@@ -47,8 +48,8 @@ def solution() -> np.ndarray:
 
     def rates(t: float, y: Any) -> Any:
         q, w = y[:4], y[4:]
-        turned = [-q[1:] @ w / 2, *(q[0] * w + np.cross(q[1:], w)) / 2]
-        return [*turned, *np.linalg.solve(TENSOR, TORQUE - np.cross(w, TENSOR @ w))]
+        turned = [-q[1:] @ w / 2, *(q[0] * w + cross(q[1:], w)) / 2]
+        return [*turned, *np.linalg.solve(TENSOR, TORQUE - cross(w, TENSOR @ w))]
 
     return solve_ivp(rates, (0, TIME), [*ATTITUDE, *RATE], method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
 

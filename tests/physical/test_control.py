@@ -11,6 +11,7 @@ from kreisel.algebra.random import normals, streams, streams_from, uniform
 from kreisel.physical import Orbit, Satellite, Wheels
 from kreisel.storage.checking import check_archive
 from sizes import FULL
+from support import cross, rotation_matrix
 
 TENSOR = np.array([[0.03, 0.002, -0.001], [0.002, 0.028, 0.0015], [-0.001, 0.0015, 0.012]])
 AXES = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -56,17 +57,13 @@ def field_at(t):
     return (3 * (m @ u) * u - m) / r**3
 
 
-def rotation(q):
-    return Rotation.from_quat(q, scalar_first=True).as_matrix()
-
-
 def by_scipy(law, samples, every, delay, limit):
     """The rates, attitude, wheels and commands after each sample's interval."""
     q, h, L, before, count = np.array([1.0, 0, 0, 0]), np.array(MOMENTA), TENSOR @ SPIN, np.zeros(3), 0.0
     none = {"dipole": np.zeros(3), "torque": np.zeros(3), "wheel_torque": np.zeros(4), "impulse": np.zeros(3)}
     queue = [none] * delay
     for k in range(samples):
-        t, C = k * every, rotation(q)
+        t, C = k * every, rotation_matrix(q)
         seen = {"field": C.T @ field_at(t), "sun": C.T @ np.array([1.0, 0, 0]), "position": C.T @ place(t)}
         seen |= {"rates": np.linalg.solve(TENSOR, L), "attitude": q, "time": t, "wheels": h}
         out = law(**seen, before=before, count=count, gain=3e3, unload=-0.01)
@@ -78,13 +75,13 @@ def by_scipy(law, samples, every, delay, limit):
 
         def rate(t, y, held=held, motors=motors):
             L, q, h = y[:3], y[3:7], y[7:]
-            C, W = rotation(q), np.linalg.solve(TENSOR, L)
+            C, W = rotation_matrix(q), np.linalg.solve(TENSOR, L)
             r = np.linalg.norm(place(t))
             u = C.T @ place(t) / r
-            tau = 3 * MU / r**3 * np.cross(u, TENSOR @ u) + np.cross(held["dipole"], C.T @ field_at(t))
+            tau = 3 * MU / r**3 * cross(u, TENSOR @ u) + cross(held["dipole"], C.T @ field_at(t))
             tau = tau + held["torque"] - AXES.T @ motors
-            turn = [-q[1:] @ W / 2, *((q[0] * W + np.cross(q[1:], W)) / 2)]
-            return np.concatenate([np.cross(L + AXES.T @ h, W) + tau, turn, motors])
+            turn = [-q[1:] @ W / 2, *((q[0] * W + cross(q[1:], W)) / 2)]
+            return np.concatenate([cross(L + AXES.T @ h, W) + tau, turn, motors])
 
         start = np.concatenate([L + held["impulse"], q, h])
         y = solve_ivp(rate, (t, t + every), start, method="DOP853", rtol=1e-13, atol=1e-16).y[:, -1]
@@ -357,7 +354,7 @@ def test_a_motion_in_jax_is_sampled_once_in_each_interval() -> None:
     start = body.state(L / moments)
     for _ in range(2):
         torque = -0.02 * L / moments
-        rate = lambda t, L, torque=torque: np.cross(L, L / moments) + torque  # noqa: E731
+        rate = lambda t, L, torque=torque: cross(L, L / moments) + torque  # noqa: E731
         L = solve_ivp(rate, (0, 1), L, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
     assert np.asarray(motion(start, dt=0.25, steps=8)["momentum"]) == pytest.approx(L, abs=3e-8)
     with pytest.raises(kr.InputError, match="a multiple of dt"):
@@ -380,7 +377,11 @@ def test_the_field_at_the_end_of_a_table_of_positions() -> None:
     control = kr.Control(lambda field, seen: {"seen": field}, every=1.0, memory={"seen": (0, 0, 0)})
     body = Satellite((1.0, 1.1, 1.2), table, magnetic_field="tilted-dipole", control=control)
     run = kr.simulate(body, body.state((0.0, 0.0, 0.0)), dt=1.0, t_end=100.0, order=(2, 2), progress=False)
-    along = np.einsum("tji,tj->ti", rotation(run.attitude.values[:-1]), body.field(run).values[:-1])
+    along = np.einsum(
+        "tji,tj->ti",
+        Rotation.from_quat(run.attitude.values[:-1], scalar_first=True).as_matrix(),
+        body.field(run).values[:-1],
+    )
     assert abs(run.seen.values[1:] - along).max() < 0.1e-9
 
 

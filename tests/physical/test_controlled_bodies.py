@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from kreisel.physical import FreeBody, Gyroscope, HeavyBody, SubmergedBody, Wheels
+from support import cross, rotation_matrix
 
 TENSOR = np.array([[0.03, 0.002, -0.001], [0.002, 0.028, 0.0015], [-0.001, 0.0015, 0.012]])
 ARM, MASS = np.array([0.01, 0.02, 0.1]), 0.1
@@ -33,9 +34,9 @@ def by_scipy(inertia, weight, q, rates, samples):
         held = law(np.linalg.solve(inertia, L), q, k * EVERY, float(k), gain=GAIN)
 
         def slope(t, y, held=held):
-            W, C = np.linalg.solve(inertia, y[:3]), Rotation.from_quat(y[3:], scalar_first=True).as_matrix()
-            tau = np.cross(y[:3], W) + held["torque"] + np.cross(weight, C.T @ [0, 0, -1])
-            return [*tau, -y[4:] @ W / 2, *((y[3] * W + np.cross(y[4:], W)) / 2)]
+            W, C = np.linalg.solve(inertia, y[:3]), rotation_matrix(y[3:])
+            tau = cross(y[:3], W) + held["torque"] + cross(weight, C.T @ [0, 0, -1])
+            return [*tau, -y[4:] @ W / 2, *((y[3] * W + cross(y[4:], W)) / 2)]
 
         start = [*(L + held["impulse"]), *q]
         y = solve_ivp(slope, (0, EVERY), start, method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1]

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from kreisel.physical import EARTH, EddyCurrents, FreeBody, Gyroscope, HeavyBody, Orbit, Satellite, SubmergedBody
+from support import cross
 
 TENSOR = np.array([[2.0, 0.3, 0.1], [0.3, 3.0, 0.4], [0.1, 0.4, 4.0]])
 SPIN = np.array([0.5, 0.2, 0.7])
@@ -28,8 +29,8 @@ def reference(
 
     def rate(t: float, z: np.ndarray) -> np.ndarray:
         R, w = z[:9].reshape(3, 3), z[9:]
-        turning = np.cross(R, w)  # rows: R hat(w) has the rows r x w
-        return np.append(turning, np.linalg.solve(inertia, np.cross(inertia @ w, w) + torque(R, w, t)))
+        turning = [cross(r, w) for r in R]  # R hat(w) has the rows r x w
+        return np.append(turning, np.linalg.solve(inertia, cross(inertia @ w, w) + torque(R, w, t)))
 
     z = solve_ivp(rate, (0, time), np.append(start.as_matrix(), spin), "DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
     return z[:9].reshape(3, 3), z[9:]
@@ -81,7 +82,7 @@ def test_a_heavy_body() -> None:
     body = HeavyBody(1.5, TENSOR, arm, **FORCES)
 
     def torque(R: np.ndarray, w: np.ndarray, t: float) -> np.ndarray:
-        return np.cross(arm, -1.5 * body.gravity * R[2]) + own_torque(R, w, t)
+        return cross(arm, -1.5 * body.gravity * R[2]) + own_torque(R, w, t)
 
     R, w = end_of(body, body.state(SPIN, attitude=quaternion(START)), 2.0, 0.05)
     expected = reference(TENSOR, torque, 2.0)
@@ -102,7 +103,7 @@ def test_a_gyroscope() -> None:
     inertia = np.diag([wheel.transverse_moment] * 2 + [wheel.axial_moment])
 
     def torque(R: np.ndarray, w: np.ndarray, t: float) -> np.ndarray:
-        weight = np.cross([0, 0, wheel.lever], -wheel.mass * wheel.gravity * R[2])
+        weight = cross([0, 0, wheel.lever], -wheel.mass * wheel.gravity * R[2])
         return weight - [0, 0, 0.2 * w[2]] + by_differences(lambda R: well(R, t, 0.2), R)
 
     start = Rotation.from_quat(wheel.orientation(1.2), scalar_first=True)
@@ -140,9 +141,9 @@ def test_a_satellite() -> None:
         distance = np.linalg.norm(r)
         u, z = r / distance, R[2]
         B = -EARTH.field / distance**3 * (z - 3 * (z @ u) * u)
-        gravity = 3 * EARTH.mu / distance**3 * np.cross(u, TENSOR @ u)
+        gravity = 3 * EARTH.mu / distance**3 * cross(u, TENSOR @ u)
         own = control(B, w, np.array(SAIL["sun"]) @ R, r, v, 1.0, SAIL["density"], gain=1e7)
-        return gravity + np.cross(SAIL["magnetic_moment"], B) + own
+        return gravity + cross(SAIL["magnetic_moment"], B) + own
 
     expected = reference(TENSOR, torque, 60.0, spin=0.1 * SPIN)
     assert abs(R - expected[0]).max() < 1e-6 and abs(w - expected[1]).max() < 1e-7

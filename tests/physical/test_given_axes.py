@@ -23,6 +23,7 @@ from kreisel.physical import Asteroid, Ellipsoid, FreeBody, Gyroscope, HeavyBody
 from kreisel.record.body_frame import BodyFrame
 from kreisel.viewer.bodies import Body
 from kreisel.viewer.scene import scene
+from support import cross, rotation_matrix
 
 TENSOR = np.array([[0.05, 0.01, -0.004], [0.01, 0.04, 0.006], [-0.004, 0.006, 0.03]])
 RATE = np.deg2rad([5.0, -3.0, 2.0])
@@ -34,12 +35,8 @@ HEIGHT, MU = 7.0e6, 3.986004418e14
 GRAVITY = 9.80665
 
 
-def cross(v: np.ndarray) -> np.ndarray:
+def hat(v: np.ndarray) -> np.ndarray:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-
-
-def matrix(q: np.ndarray) -> np.ndarray:
-    return Rotation.from_quat(q / np.linalg.norm(q), scalar_first=True).as_matrix()
 
 
 def moved(rate: Callable[[float, np.ndarray, np.ndarray], np.ndarray], seconds: float, more: Any = ()) -> Any:
@@ -51,7 +48,7 @@ def moved(rate: Callable[[float, np.ndarray, np.ndarray], np.ndarray], seconds: 
         turn = np.array(
             [-x * p - y_ * q - z * r, w * p + y_ * r - z * q, w * q + z * p - x * r, w * r + x * q - y_ * p]
         )
-        return np.concatenate([turn / 2, rate(t, matrix(y[:4]), y[4:])])
+        return np.concatenate([turn / 2, rate(t, rotation_matrix(y[:4]), y[4:])])
 
     begun = np.concatenate([TYPED, RATE, more])
     times = np.linspace(0, seconds, ROWS + 1)
@@ -61,7 +58,7 @@ def moved(rate: Callable[[float, np.ndarray, np.ndarray], np.ndarray], seconds: 
 
 def euler(torque: Callable[[float, np.ndarray], np.ndarray], tensor: np.ndarray = TENSOR) -> Any:
     back = np.linalg.inv(tensor)
-    return lambda t, g, w: back @ (np.cross(tensor @ w, w) + torque(t, g))
+    return lambda t, g, w: back @ (cross(tensor @ w, w) + torque(t, g))
 
 
 def free(t: float, g: np.ndarray) -> np.ndarray:
@@ -74,21 +71,19 @@ def gravity_gradient(tensor: np.ndarray) -> Any:
 
     def torque(t: float, g: np.ndarray) -> np.ndarray:
         u = g.T @ np.array([np.cos(n * t), np.sin(n * t), 0.0])
-        return np.asarray(3 * n * n * np.cross(u, tensor @ u))
+        return np.asarray(3 * n * n * cross(u, tensor @ u))
 
     return torque
 
 
 def swimming(t: float, g: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """Kirchhoff's equations for (Omega, U) with the whole mass matrix about the centre of the body."""
-    S = cross(CENTRE)
+    S = hat(CENTRE)
     A = ADDED + np.block([[np.eye(3), -S], [S, TENSOR - S @ S]])
     w, U = nu[:3], nu[3:]
     P, M = np.split(A @ np.concatenate([U, w]), 2)
     weight = GRAVITY * g.T @ np.array([0, 0, -1.0])
-    rate = np.linalg.solve(
-        A, np.concatenate([np.cross(P, w), np.cross(M, w) + np.cross(P, U) + np.cross(CENTRE, weight)])
-    )
+    rate = np.linalg.solve(A, np.concatenate([cross(P, w), cross(M, w) + cross(P, U) + cross(CENTRE, weight)]))
     return np.concatenate([rate[3:], rate[:3]])
 
 
@@ -123,8 +118,8 @@ def case(name: str) -> Case:
         want = moved(euler(gravity_gradient(TENSOR)), LONG)
     elif name == "heavy":
         body = HeavyBody(1.0, TENSOR, CENTRE)
-        want = moved(euler(lambda t, g: np.cross(CENTRE, GRAVITY * g.T @ np.array([0, 0, -1.0]))), SHORT)
-        run = simulated(body, body.state(RATE, matrix(TYPED)[2]), SHORT, order=8, orientation=TYPED)
+        want = moved(euler(lambda t, g: cross(CENTRE, GRAVITY * g.T @ np.array([0, 0, -1.0]))), SHORT)
+        run = simulated(body, body.state(RATE, rotation_matrix(TYPED)[2]), SHORT, order=8, orientation=TYPED)
         return Case(run, *want, TENSOR @ RATE, body)
     else:
         body = SubmergedBody(1.0, TENSOR, ADDED, center_of_mass=CENTRE)

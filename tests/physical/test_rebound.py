@@ -23,6 +23,7 @@ from kreisel.kernels.layout import MACHINE_EPSILON as EPS
 from kreisel.physical import GravityBody
 from kreisel.rebound import Body, Spins, attach, compiled, load
 from rotors import closed_form
+from support import cross, rotation_matrix
 
 DAY, EARTH_RADIUS = 2 * np.pi / 365.25, 4.2635e-5  # G = 1, masses in that of the Sun, lengths in au
 EARTH, MOON = 3.003e-6, 3.694e-8
@@ -317,14 +318,14 @@ def by_the_published_equations(t_end: float) -> np.ndarray:
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         r, v, W, q = y[:3], y[3:6], y[6:9], y[9:]  # of the mass against the body; W along the principal axes
-        R = Rotation.from_quat(q / np.linalg.norm(q), scalar_first=True).as_matrix()
+        R = rotation_matrix(q)
         d, tensor, radial = np.linalg.norm(r), R @ np.diag(I) @ R.T, (v @ r) / (r @ r) * r
         pull = -body / d**3 * r - 1.5 * (np.trace(tensor) * r + 2 * tensor @ r - 5 * (r @ tensor @ r) / d**2 * r) / d**5
         pull -= 3 * mass * tide / d**8 * r
-        pull -= 3 * mass * tide * lag / d**8 * (3 * radial + (v - radial) - np.cross(R @ W, r))
-        torque = -np.cross(r, mass * pull) @ R
-        turning = 0.5 * np.array([-q[1:] @ W, *(q[0] * W + np.cross(q[1:], W))])
-        return np.concatenate([v, pull * (1 + mass / body), (torque - np.cross(W, I * W)) / I, turning])
+        pull -= 3 * mass * tide * lag / d**8 * (3 * radial + (v - radial) - cross(R @ W, r))
+        torque = -cross(r, mass * pull) @ R
+        turning = 0.5 * np.array([-q[1:] @ W, *(q[0] * W + cross(q[1:], W))])
+        return np.concatenate([v, pull * (1 + mass / body), (torque - cross(W, I * W)) / I, turning])
 
     p = [np.array([*a.xyz, *a.vxyz]) for a in spins.sim.particles]
     g = spins.orientation(0)

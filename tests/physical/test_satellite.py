@@ -35,6 +35,7 @@ from kreisel.physical import (
 from kreisel.storage.checking import steps_again
 from kreisel.sweeps.lanes import check_archive
 from sizes import FULL
+from support import cross
 from torques import torque_on
 
 ELLIPSE = Orbit("7000 km", 0.02, "51.6 deg", "20 deg", "70 deg")
@@ -92,20 +93,20 @@ def by_hand(body: Satellite, g: np.ndarray, t: float, spin: np.ndarray) -> np.nd
     r, v = (x @ g for x in orbit.at(t))
     distance = np.linalg.norm(r)
     inertia, up = np.diag(body.body.principal.moments), r / np.linalg.norm(r)
-    total = 3 * orbit.primary.mu / distance**3 * np.cross(up, inertia @ up)
+    total = 3 * orbit.primary.mu / distance**3 * cross(up, inertia @ up)
     north = g[2]
     field = -orbit.primary.field / distance**3 * (north - 3 * (north @ up) * up)
-    total = total + np.cross(body.magnetic_moment @ along, field) + body.torque @ along
+    total = total + cross(body.magnetic_moment @ along, field) + body.torque @ along
     sun, speed = body.model().params["sun"] @ g, np.linalg.norm(v)
     for plate in body.plates:
         n, c = plate.normal @ along, plate.centre @ along
         if n @ v > 0:
-            total = total + np.cross(c, -body.density / 2 * body.drag * plate.area * (n @ v / speed) * speed * v)
+            total = total + cross(c, -body.density / 2 * body.drag * plate.area * (n @ v / speed) * speed * v)
         if (lit := n @ sun) > 0:
             push = (1 - body.mirror) * sun + 2 * (body.mirror * lit + body.diffuse / 3) * n
-            total = total + np.cross(c, -body.light * plate.area * lit * push)
+            total = total + cross(c, -body.light * plate.area * lit * push)
     if body.wheels is not None:
-        total = total + np.cross(body.wheels.momenta @ body.wheels.axes @ along, spin)
+        total = total + cross(body.wheels.momenta @ body.wheels.axes @ along, spin)
     return total
 
 
@@ -235,7 +236,7 @@ def textbook(body: Satellite, spin: object, attitude: np.ndarray, times: np.ndar
         R = R + 2 * q[0] * np.array([[0, -q[3], q[2]], [q[3], 0, -q[1]], [-q[2], q[1], 0]])
         x, y, z_ = np.linalg.solve(moments, R.T @ z[:3] - wheel - motor * t)
         r = R.T @ orbit.at(t)[0]
-        gravity = 3 * orbit.primary.mu / np.sqrt(r @ r) ** 5 * np.cross(r, moments @ r)
+        gravity = 3 * orbit.primary.mu / np.sqrt(r @ r) ** 5 * cross(r, moments @ r)
         turning = np.array([[0, -x, -y, -z_], [x, 0, z_, -y], [y, -z_, 0, x], [z_, y, -x, 0]])
         return np.concatenate([R @ (gravity + body.torque), turning @ z[3:] / 2])
 
@@ -328,8 +329,8 @@ def test_the_step_through_corners_is_found(cause: dict[str, Any]) -> None:
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         w, q = y[:3], y[3:] / np.sqrt(y[3:] @ y[3:])
-        tau = by_hand(body, algebra.rotation_matrix(q), t, w) - np.cross(w, moments * w)
-        turning = np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))]) / 2
+        tau = by_hand(body, algebra.rotation_matrix(q), t, w) - cross(w, moments * w)
+        turning = np.array([-q[1:] @ w, *(q[0] * w + cross(q[1:], w))]) / 2
         return np.concatenate([tau / moments, turning])
 
     g = algebra.unit_quaternion(along)  # of the principal axes

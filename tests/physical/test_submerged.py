@@ -13,6 +13,7 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.bodies import BODIES
 from kreisel.physical import STANDARD_GRAVITY, Ellipsoid, SubmergedBody, read_added_mass
+from support import cross
 
 X = np.random.default_rng(1).normal(size=(6, 6))
 LOADED: dict[str, Any] = {
@@ -43,10 +44,10 @@ def solved(body: SubmergedBody, U: Any, Omega: Any, end: float) -> np.ndarray:
         drag = -(body.linear_drag + body.quadratic_drag * abs(nu)) * nu
         up = g.T @ UP
         F = (buoyancy - weight) * up + drag[:3]
-        tau = np.cross(body.center_of_buoyancy, buoyancy * up) - np.cross(body.center_of_mass, weight * up) + drag[3:]
+        tau = cross(body.center_of_buoyancy, buoyancy * up) - cross(body.center_of_mass, weight * up) + drag[3:]
         U, Omega = nu[:3], nu[3:]
         turning = (g @ algebra.hat(Omega)).ravel()
-        return np.concatenate([np.cross(P, Omega) + F, np.cross(M, Omega) + np.cross(P, U) + tau, turning, g @ U])
+        return np.concatenate([cross(P, Omega) + F, cross(M, Omega) + cross(P, U) + tau, turning, g @ U])
 
     begin = np.concatenate([matrix @ np.concatenate([U, Omega]), np.eye(3).ravel(), np.zeros(3)])
     y = solve_ivp(rate, (0, end), begin, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
