@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from fractions import Fraction
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -133,7 +134,7 @@ def _middle(x: Any) -> Any:
 
 def _product(f: list[Any], g: list[Any], k: int) -> Any:
     """Coefficient k of a product of series."""
-    return sum((f[i] * g[k - i] for i in range(1, k + 1)), f[0] * g[k])
+    return sum(map(mul, f[1 : k + 1], reversed(g[:k])), f[0] * g[k])
 
 
 def _right_hand_sides(terms: Terms, p: list[Any], extra: Any, k: int) -> list[Any]:

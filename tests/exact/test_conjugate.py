@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,13 @@ NAMES = ("clebsch", "manakov", "quadratic", "kovalevskaya", "gyrostat", "steklov
 EVERY = (*NAMES, "goryachev")
 
 
+@cache
+def flown(name: str, time: float, digits: int = 20) -> np.ndarray:
+    """The coordinates of a case at a time, by Taylor series."""
+    model, state = case(name)
+    return flow_of(model, parts(model, state), time, digits=digits)
+
+
 def parts(model: Any, state: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
     checked = model.state(**state)
     return tuple(checked[k] for k in model.system.space.letters)
@@ -77,7 +85,7 @@ def off(model: Any, run: Any, want: np.ndarray) -> float:
 def test_against_taylor(name: str, dt: float, steps: int) -> None:
     model, state = case(name)
     run = kr.simulate(model, state, dt=dt, steps=steps, every=steps, method="exact")
-    want = flow_of(model, parts(model, state), dt * steps, digits=20 if steps * dt < 2 else 40)
+    want = flown(name, dt * steps, 20 if steps * dt < 2 else 40)
     assert off(model, run, want) < (1e-13 if steps * dt < 2 else 2e-13)
 
 
@@ -227,7 +235,7 @@ def test_the_orientation_has_the_order_of_the_state(name: str, monkeypatch: pyte
 @pytest.mark.parametrize(("name", "rotor"), [("gyrostat", "gamma"), ("rubanovskii", "h")])
 def test_a_gyrostat_whose_maps_forget_the_rotor_is_caught(name: str, rotor: str) -> None:
     model, state = case(name)
-    want = flow_of(model, parts(model, state), 1.0, digits=20)
+    want = flown(name, 1.0)
     record = model.system.pairs
 
     def pair(*z: Any, **numbers: Any) -> Any:
@@ -258,7 +266,7 @@ def test_without_a_rotor_rubanovskiis_gyrostat_is_the_case_of_steklov_and_lyapun
 @pytest.mark.filterwarnings("ignore::kreisel.ConservationWarning")
 def test_mutants(mutant: str, least: float, monkeypatch: pytest.MonkeyPatch) -> None:
     model, state = case("clebsch")
-    want = flow_of(model, parts(model, state), 1.5, digits=20)
+    want = flown("clebsch", 1.5)
     if mutant == "constant":
         points = conjugate.constants
         monkeypatch.setattr(
@@ -303,7 +311,7 @@ def test_a_wrong_point_of_the_one_map_is_caught(change: Complex) -> None:
 
     changed = replace(model.system, exact_map=replace(record, point=point))(**model.params)
     run = kr.simulate(changed, state, dt=0.25, steps=6, every=6, method="exact")
-    assert off(model, run, flow_of(model, parts(model, state), 1.5, digits=20)) > 1e-12
+    assert off(model, run, flown("goryachev", 1.5)) > 1e-12
 
 
 @pytest.mark.parametrize(
