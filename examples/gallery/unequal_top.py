@@ -88,12 +88,14 @@ print("powers of d:", ", ".join(f"{o}: {v:.2f}" for o, v in powers.items()))
 assert abs(powers[2, 2] - 1) < 0.1 and abs(powers[8, 2] - 2) < 0.1 and 0.9 < powers[8, 6, 4] < 2
 
 # -- against evaluations
+I = moments(D)
 
 
 def right_hand_side(_, y):
     M, P = y.reshape(2, 3)
-    Omega = M / moments(D)
-    return np.concatenate((np.cross(M, Omega) + np.cross(P, (0, 0, 1)), np.cross(P, Omega)))
+    Omega = M / I
+    twist, weight, turn = np.cross((M, P, P), (Omega, (0, 0, 1), Omega))
+    return np.concatenate((twist + weight, turn))
 
 
 def calls(tol):
