@@ -215,11 +215,10 @@ def pilot(
     settings: Settings,
     orientation: OrientationLike | None,
     nudge: float = 0.0,
-    project: bool = False,
 ) -> Callable[..., Pilot | None]:
     """Steps of splittings from the start, or from a neighbouring state: (order, h, count) -> `Pilot`.
 
-    Without `project` the state is not projected onto its invariants.
+    They are projected as the run is, so that they and the run have one kernel.
     """
     from kreisel.method.auto import Pilot
 
@@ -231,9 +230,7 @@ def pilot(
             chosen = scheme(model, "splitting", h, order, orientation is not None)
         except InputError:  # an order that a force does not have
             return None
-        asked = settings.but(
-            dt=h, steps=count, every=count, order=order, tol=None, project=project, engine=None, times=None
-        )
+        asked = settings.but(dt=h, steps=count, every=count, order=order, tol=None, engine=None, times=None)
         plan = planned(model, chosen, asked, parts, None)
         out = np.empty((1, *plan.first.shape))
         plan.engine.advance(out, count)
@@ -391,7 +388,7 @@ def _steps(plan: Plan) -> Callable[[float, int], tuple[Array, ...] | None]:
     """(h, count) -> the components after some steps of the length h from the start; None if they are not finite."""
     space = plan.model.system.space
     state = State({letter: plan.start[letter] for letter in space.letters}, dict(space.components))
-    run = pilot(plan.model, state, plan.settings, plan.start.get(ORIENTATION), project=plan.settings.project)
+    run = pilot(plan.model, state, plan.settings, plan.start.get(ORIENTATION))
 
     def steps(h: float, count: int) -> tuple[Array, ...] | None:
         with np.errstate(all="ignore"):
