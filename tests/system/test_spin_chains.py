@@ -190,7 +190,7 @@ def test_its_order_is_1() -> None:
     kinds = model.system.space.kinds
     rate = lambda t, y: algebra.flatten(model.flow(*algebra.restore(y, kinds, 4)), kinds)  # noqa: E731
     y0 = algebra.flatten(tuple(start.values()), kinds)
-    truth = solve_ivp(rate, (0, 0.2), y0, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    truth = solve_ivp(rate, (0, 0.2), y0, method="DOP853", rtol=1e-8, atol=1e-10).y[:, -1]  # errors are 0.02 and more
     errors, counts = [], (400, 800, 1600)
     for count in counts:
         made = kr.propagator(model, dt=0.2 / count).steps(start, count)
