@@ -114,6 +114,10 @@ def test_wheels_of_a_free_body_and_their_motors_keep_the_momentum_in_space():
     assert (np.diff(rate) < 0).all() and rate[-1] < 0.7 * rate[0]
 
 
+def stepped(**further):
+    return kr.propagator(FreeBody(TENSOR), dt=0.1).steps({"momentum": (1, 0, 0), **further}, 1)
+
+
 MISTAKES = {
     "a dipole": (
         lambda: FreeBody(TENSOR, control=kr.Control(lambda rates: {"dipole": rates})),
@@ -124,6 +128,11 @@ MISTAKES = {
     "lanes of other units": (
         lambda: FreeBody([TENSOR, 2 * TENSOR], control=control()),
         "Lane 1: expected the functions",
+    ),
+    "a state with the wheels of another body": (lambda: stepped(wheels=(0, 0, 1)), "momentum, got 'wheels' too"),
+    "a state with an attitude": (
+        lambda: stepped(attitude=(1, 0, 0, 0)),
+        r"momentum, got 'attitude' too.*orientation=T",
     ),
     "no controller": (lambda: FreeBody(TENSOR, control=3), "control: expected kr.physical.Control"),
 }

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, explained, hint, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.model import Model, State
@@ -98,6 +98,12 @@ class BodyPropagator:
             named: dict[str, Any] = {**state.axial, ORIENTATION: state.orientation}
         elif missing := [name for name in self.names if name not in state]:
             raise InputError(f"The state: expected {', '.join(self.names)}, got none for {', '.join(missing)}.")
+        elif further := [name for name in state if name not in self.names and name not in self._motion.beside]:
+            close = hint(further[0], self.names)
+            raise InputError(
+                f"The state: expected {', '.join(self.names)}, got {shown(further[0])} too.{close} The attitude is "
+                "carried with orientation=True, wheels and memory if the body has them."
+            )
         else:
             named = {letter: state[name] for name, (letter, _) in self._places.items()}
         arrays = {letter: algebra.floats(named[letter]) for letter in self._motion.letters}
