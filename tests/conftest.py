@@ -102,7 +102,7 @@ os.fsync = lambda handle: None  # no test cuts the power; the disk takes 10 ms f
 
 # JAX's programs fill 256 megabytes in some ten tests, and half of them would be traced and read again after each time.
 SHARE = psutil.virtual_memory().total // (4 * (os.cpu_count() or 1))  # a process on each core needs 4/3 of it at most
-PROCESS, MOST_BYTES = psutil.Process(), max(3 << 28, min(3 << 29, SHARE))
+PROCESS, MOST_BYTES = psutil.Process(), max(3 << 28, min(1 << 30, SHARE))
 KEPT = [MOST_BYTES]  # bytes after memory was freed; it is freed again when they have grown by a third of MOST_BYTES
 
 
