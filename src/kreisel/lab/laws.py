@@ -504,8 +504,10 @@ def drawn_case(system: System | Model, n: int, numbers: str, draw: exact.Random)
     """A case with random values from `draw`."""
     record = system.system if isinstance(system, Model) else system
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)
-    if numbers == "exact" and any(v.dtype.kind == "f" for v in model.params.values()):  # a model that was given
-        model = record(**{k: exact.rationals(v) if v.dtype.kind == "f" else v for k, v in model.params.items()})
+    if isinstance(system, Model) and numbers == "exact":  # its floats as the rationals that they are
+        letters = [p.letter for p in record.parameters if p.kind in algebra.KINDS and p.kind != "dimension"]
+        values = {k: exact.rationals(v) for k, v in model.params.items() if k in letters and v.dtype.kind == "f"}
+        model = record(**{**model.params, **values}) if values else model
     state = record.space.point(n, draw)
     eps = abs(draw((1,)))[0] / 4  # short enough for the logarithms of Lagrangians in floats
     if record.map is not None and record.map.largest_step is not None and numbers == "float":
