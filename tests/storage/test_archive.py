@@ -6,7 +6,6 @@ import errno
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -63,14 +62,14 @@ def test_failed_overwrite_keeps_the_old_archive(top: object, x0: object, tmp_pat
 
 
 def fail_after(calls: int, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    original, count = archive.chunk_file, iter(range(10**6))
+    original, count = zarr.Array.__setitem__, iter(range(10**6))
 
-    def write(*args: Any) -> bytes:
+    def write(self: object, *args: object) -> None:
         if next(count) >= calls:
             raise OSError(number, "simulated")
-        return original(*args)
+        original(self, *args)
 
-    monkeypatch.setattr(archive, "chunk_file", write)
+    monkeypatch.setattr(zarr.Array, "__setitem__", write)
 
 
 def test_full_disk(top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

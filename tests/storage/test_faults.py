@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zarr
 
 import kreisel as kr
 from kreisel.process import Lock
@@ -100,20 +101,20 @@ def test_a_full_disk_under_a_sweep(top: object, x0: object, disk: Path, tmp_path
 def test_a_disk_that_fails_at_any_write(
     number: int, top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The stand-in: writes of chunks fail after a random number of them, again and again, until the run is done."""
+    """The stand-in: writes of Zarr fail after a random number of them, again and again, until the run is done."""
     kr.simulate(top, x0, path=tmp_path / "whole.zarr", **OPTIONS)
-    rng, original, path = random.Random(number), archive.chunk_file, tmp_path / "run.zarr"
+    rng, original, path = random.Random(number), zarr.Array.__setitem__, tmp_path / "run.zarr"
     failed = 0
     for _ in range(30):
         left = iter(range(rng.randrange(1, 25)))
 
-        def write(*args: Any, left: Iterator[int] = left) -> bytes:
+        def write(self: object, *args: object, left: Iterator[int] = left) -> None:
             if next(left, None) is None:
                 raise OSError(number, os.strerror(number))
-            return original(*args)
+            original(self, *args)
 
         with monkeypatch.context() as patch:
-            patch.setattr(archive, "chunk_file", write)
+            patch.setattr(zarr.Array, "__setitem__", write)
             try:
                 if path.with_name("run.zarr.part").exists():
                     kr.resume(path)

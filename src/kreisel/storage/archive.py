@@ -19,12 +19,12 @@ import json
 import os
 import re
 import stat
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
@@ -37,11 +37,10 @@ PARTIAL = r"(\.[0-9a-f]{32}\.partial)?"  # left by a kill: a file that Zarr was 
 CHUNK = re.compile(rf"[^/]+/c(/\d+)*{PARTIAL}")
 MADE = re.compile(
     rf"([^/]+/)?zarr(\.json|\.[0-9a-f]{{32}}\.partial)|{CHUNK.pattern}"
-    r"|engine/(checkpoint\.npz|checksums\.sha256|replaces|blocks/\w+\.sha256)|([^/]+/(c/(\d+/)*|blocks/)?)?\.new-[0-9a-f]{16}"
+    r"|engine/(checkpoint\.npz|checksums\.sha256|replaces|blocks/(\.new-[0-9a-f]{16}|\w+\.sha256))|([^/]+/)?\.new-[0-9a-f]{16}"
 )
 CHECKPOINT = "engine/checkpoint.npz"
 LINE = re.compile(r"([0-9a-f]{64})  ([^\0\n]+)")
-LEVEL = 1  # of the compression
 LARGEST_LIST, LARGEST_CHUNK = 1 << 30, 1 << 30  # bytes; chunks have a thousandth
 
 Listed = dict[str, frozenset[str]]  # the files of an archive, and the allowed SHA-256 of each
@@ -110,68 +109,19 @@ def arrays_of(root: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def new_metadata(attrs: Mapping[str, Any], layouts: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The metadata of a new archive, in the form of Zarr 3; Zarr itself needs 14 ms for them."""
+    """The metadata of a new archive, in the form of Zarr."""
+    import zarr
+    from zarr.codecs import Crc32cCodec, ZstdCodec
 
-    def group(attributes: Mapping[str, Any], nodes: Mapping[str, Any]) -> dict[str, Any]:
-        inline = {"kind": "inline", "must_understand": False, "metadata": nodes}
-        return {"attributes": attributes, "zarr_format": 3, "consolidated_metadata": inline, "node_type": "group"}
-
-    nodes = {name: _node(**layout) for name, layout in layouts.items()}
-    nodes[CHECKSUMS.split("/")[0]] = group({}, {})  # Zarr looks for no arrays there
-    return dict(json.loads(json.dumps(group(dict(attrs), dict(sorted(nodes.items()))))))
-
-
-def _node(
-    shape: tuple[int, ...],
-    chunks: tuple[int, ...],
-    dtype: np.dtype,
-    dimension_names: tuple[str, ...],
-    attributes: Mapping[str, Any],
-    shards: tuple[int, ...] | None = None,
-    fill_value: float = 0,
-) -> dict[str, Any]:
-    little = {"name": "bytes"} | ({"configuration": {"endian": "little"}} if dtype.itemsize > 1 else {})
-    zstd = {"name": "zstd", "configuration": {"level": LEVEL, "checksum": False}}
-    codecs: list[dict[str, Any]] = [little, zstd, {"name": "crc32c"}]
-    if shards is not None:
-        index = [{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"}]
-        parts = {"chunk_shape": chunks, "codecs": codecs, "index_codecs": index, "index_location": "end"}
-        codecs = [{"name": "sharding_indexed", "configuration": parts}]
-    return {
-        "shape": shape,
-        "data_type": dtype.name,
-        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": shards or chunks}},
-        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
-        "fill_value": "NaN" if fill_value != fill_value else dtype.type(fill_value).item(),
-        "codecs": codecs,
-        "attributes": attributes,
-        "dimension_names": dimension_names,
-        "zarr_format": 3,
-        "node_type": "array",
-        "storage_transformers": [],
-    }
-
-
-def chunk_file(values: Array, node: Mapping[str, Any]) -> bytes:
-    """The file of the chunk or the shard that begins with these values; beyond them it has the fill value."""
-    from google_crc32c import value as crc32c
-    from numcodecs.zstd import Zstd
-
-    def marked(data: bytes) -> bytes:
-        return data + crc32c(data).to_bytes(4, "little")
-
-    shape, codec = node["chunk_grid"]["configuration"]["chunk_shape"], node["codecs"][0]
-    full = np.full(shape, node["fill_value"], dtype=np.dtype(node["data_type"]).newbyteorder("<"))
-    full[tuple(map(slice, values.shape))] = values
-    part = codec["configuration"]["chunk_shape"] if codec["name"] == "sharding_indexed" else shape
-    data, sizes, compressor = list[bytes](), list[int](), Zstd(level=LEVEL)
-    for index in np.ndindex(*(long // short for long, short in zip(shape, part, strict=True))):
-        chunk = full[tuple(slice(i * short, (i + 1) * short) for i, short in zip(index, part, strict=True))]
-        data.append(marked(compressor.encode(np.ascontiguousarray(chunk))))
-        sizes.append(len(data[-1]))
-    if part is not shape:
-        data.append(marked(np.stack([np.cumsum(sizes) - sizes, sizes], -1).astype("<u8").tobytes()))
-    return b"".join(data)
+    files: dict[str, Any] = {}
+    group = zarr.create_group(zarr.storage.MemoryStore(files), zarr_format=3, attributes=dict(attrs))
+    group.create_group(CHECKSUMS.split("/")[0])  # Zarr looks for no arrays there
+    for name, layout in layouts.items():
+        group.create_array(name, compressors=[ZstdCodec(level=1), Crc32cCodec()], **layout)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Zarr does not yet call consolidated metadata a standard
+        zarr.consolidate_metadata(group.store)
+    return dict(json.loads(files["zarr.json"].to_bytes()))
 
 
 def write_metadata(store: Path, root: Mapping[str, Any], fixed: Mapping[str, Array] | None = None) -> None:
@@ -180,15 +130,26 @@ def write_metadata(store: Path, root: Mapping[str, Any], fixed: Mapping[str, Arr
     `fixed`: values of the arrays without blocks, written before it.
     """
     nodes = root["consolidated_metadata"]["metadata"]
-    data = {f"{name}/zarr.json": json.dumps(node).encode() for name, node in nodes.items()}
-    data |= {f"{name}/c/0": chunk_file(values, nodes[name]) for name, values in (fixed or {}).items()}
-    data["zarr.json"] = json.dumps(root).encode()
+    files = {f"{name}/zarr.json": node for name, node in nodes.items()} | {"zarr.json": root}
+    data = {name: json.dumps(node).encode() for name, node in files.items()}
     changed = {n: text for n, text in data.items() if not is_plain(store / n) or (store / n).read_bytes() != text}
     pairs = _pairs(store / CHECKSUMS) if begun(store) else set()
     _write_list(store, pairs | {(name, hashlib.sha256(text).hexdigest()) for name, text in changed.items()})
     for name, text in changed.items():
-        (store / name).parent.mkdir(parents=True, exist_ok=True)
+        if name == "zarr.json" and fixed:
+            _write_fixed(store, fixed)
+        (store / name).parent.mkdir(exist_ok=True)
         replace_file(store / name, text)
+
+
+def _write_fixed(store: Path, fixed: Mapping[str, Array]) -> None:
+    import zarr
+
+    for name, values in fixed.items():
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            zarr.open_array(str(store / name), mode="r+", zarr_format=3)[:] = values
+    chunks = [f"{name}/c/0" for name in fixed]
+    _write_list(store, _pairs(store / CHECKSUMS) | {(name, digest(store / name)) for name in chunks})
 
 
 @contextlib.contextmanager
@@ -345,23 +306,44 @@ def create(
         raise
 
 
-def write_block(
-    store: Path, arrays: Mapping[str, Any], axis: str, number: int, values: Mapping[str, Array], durable: bool = False
-) -> None:
-    """Write a block along the axis, in arrays of these metadata, and then its checksums.
+def opened_arrays(store: Path) -> dict[str, Any]:
+    """The arrays of an unfinished archive, open for writing; every chunk is written, even if empty."""
+    import zarr
 
-    Raises `RunError` if the archive has vanished.
+    try:
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            return dict(zarr.open_group(str(store), mode="r+", zarr_format=3, use_consolidated=True).arrays())
+    except OSError:
+        raise
+    except Exception as error:  # any exception of the library for damaged metadata
+        raise InputError(f"{store} is damaged: {error}. `kreisel check {store}`.") from error
+
+
+def write_block(
+    store: Path,
+    arrays: Mapping[str, Any],
+    axis: str,
+    number: int,
+    first: int,
+    values: Mapping[str, Array],
+    durable: bool = False,
+) -> None:
+    """Write a block, whose values begin at `first` along the axis, and then its checksums.
+
+    Raises `RunError` if the archive has vanished: Zarr would make new folders for its chunks.
     """
-    lines = []
+    names = []
     require_there(store)
     for name, value in values.items():
-        dims = arrays[name]["dimension_names"]
-        file = f"{name}/c/" + "/".join(str(number) if dim == axis else "0" for dim in dims)
-        data = chunk_file(value, arrays[name])
-        (store / file).parent.mkdir(parents=True, exist_ok=True)
-        replace_file(store / file, data, durable)
-        lines.append((file, hashlib.sha256(data).hexdigest()))
+        place = arrays[name].metadata.dimension_names.index(axis)
+        chosen = slice(first, first + value.shape[place])
+        arrays[name][(*(slice(None),) * place, chosen)] = value
+        names.append(f"{name}/c/" + "/".join(str(number) if k == place else "0" for k in range(value.ndim)))
+    for name in names if durable else ():
+        with (store / name).open("rb+") as file:  # Windows makes durable only writable files
+            os.fsync(file.fileno())
     require_there(store)
+    lines = [(name, digest(store / name)) for name in names]
     _write_list(store, lines, f"{BLOCKS}/{number}.sha256", durable)
 
 

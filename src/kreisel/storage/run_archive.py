@@ -67,7 +67,7 @@ class RunArchive:
                 lanes = {"lane": np.arange(self.plan.lanes)} if self.plan.batched else {}
                 attrs = replace(describing.describe(self.plan), complete=0).to_attrs()
                 archive.create(self.path, attrs, layouts(self.plan, self._rows_in_block), lanes, self._overwrite)
-            self._arrays = archive.arrays_of(archive.metadata(self.part))
+            self._arrays = archive.opened_arrays(self.part)
         return self
 
     def append(self, block: Mapping[str, Array], start: int) -> None:
@@ -76,7 +76,7 @@ class RunArchive:
         with _disk(self.path, "be written"):
             if start == 0:
                 self._describe(block)
-            archive.write_block(self.part, self._arrays, "time", start // self._rows_in_block, values)
+            archive.write_block(self.part, self._arrays, "time", start // self._rows_in_block, start, values)
         self._worth_keeping = True
 
     def _describe(self, rows: Mapping[str, Array]) -> None:

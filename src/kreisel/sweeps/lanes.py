@@ -151,14 +151,14 @@ def lanes_again(run: xr.Dataset) -> list[str]:
     if not spec.keys().isdisjoint(CODE) or json.loads(record.versions) != versions() or record.resumed is not None:
         return []
     sweep = Sweep(spec)
-    arrays = {str(name): (v.dims, v.shape, v.attrs) for name, v in run.variables.items() if "lane" in v.dims}
+    arrays = {str(name): v for name, v in run.variables.items() if "lane" in v.dims}
     for lane in np.unique(np.linspace(0, record.lanes - 1, SAMPLES).astype(int)).tolist():
         values = sweep.lanes.values(lane, lane + 1)
         settings = sweep.lanes.filled(values)["run"]
         if np.max(settings["steps"]) > MOST_STEPS // SAMPLES:
             continue
         try:
-            computed = results_of(sweep, arrays, lane, lane + 1)
+            computed = results_of(sweep, arrays, {k: v.dims.index("lane") for k, v in arrays.items()}, lane, lane + 1)
         except TROUBLES as error:
             return [f"lane {lane} cannot be computed again: {error}"]
         for name, value in computed.items():

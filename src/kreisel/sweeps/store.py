@@ -287,25 +287,25 @@ def compute(folder: str, source: Path | System | None, digest: str, block: int) 
         archive.require_there(store)
         sweep, group, width = _opened_sweep(folder, source, digest)
         first, stop = block * width, min((block + 1) * width, sweep.lanes.total)
-        arrays = {name: (a["dimension_names"], a["shape"], a["attributes"]) for name, a in group.items()}
-        out = results_of(sweep, arrays, first, stop)
-        archive.write_block(store, group, "lane", block, out, durable=True)
+        lane_axis = {name: a.metadata.dimension_names.index("lane") for name, a in group.items()}
+        out = results_of(sweep, group, lane_axis, first, stop)
+        archive.write_block(store, group, "lane", block, first, out, durable=True)
     return {"lanes": stop - first, "memory_MiB": psutil.Process().memory_info().rss / (1 << 20)}
 
 
 def results_of(
-    sweep: Sweep, arrays: Mapping[str, tuple[Sequence[Any], Sequence[int], Mapping[str, Any]]], first: int, stop: int
+    sweep: Sweep, arrays: Mapping[str, Any], lane_axis: Mapping[str, int], first: int, stop: int
 ) -> dict[str, Array]:
-    """Every variable of lanes first to stop - 1, in the form of `arrays`: dimensions, shape, attributes."""
+    """Every variable of lanes first to stop - 1, in the form of `arrays`, whose axes of lanes are given."""
     layouts = {
-        name: (tuple(stop - first if d == "lane" else k for d, k in zip(dims, shape, strict=True)), dims.index("lane"))
-        for name, (dims, shape, attrs) in arrays.items()
-        if attrs.get("kind") != "input" and name not in ("failed", "message")
+        name: (tuple(stop - first if i == lane_axis[name] else k for i, k in enumerate(array.shape)), lane_axis[name])
+        for name, array in arrays.items()
+        if array.attrs.get("kind") != "input" and name not in ("failed", "message")
     }
     out, faults = sweep.results(first, stop, layouts)
     for quantity, value in sweep.lanes.inputs(first, stop).items():
         if value.dtype.kind == "U":  # words as their indices
-            words = arrays[quantity.name][2]["flag_meanings"].split()
+            words = arrays[quantity.name].attrs["flag_meanings"].split()
             value = np.array([words.index(word) for word in value], dtype=np.uint8)
         out[quantity.name] = value
     state, messages = np.full(stop - first, COMPUTED, np.uint8), np.zeros((stop - first, MESSAGE_BYTES), np.uint8)
@@ -334,8 +334,8 @@ def _newly_opened(folder: str, source: Path | System | None, digest: str) -> Ope
     record = SweepRecord.of_store(Path(folder))
     if hashlib.sha256(record.sweep.encode()).hexdigest() != digest:
         raise RunError(f"{folder} is no longer the store of this sweep: another one was written there.")
-    result = archive.arrays_of(archive.metadata(Path(folder)))
-    arrays = {name: array for name, array in result.items() if "lane" in array["dimension_names"]}
+    result = archive.opened_arrays(Path(folder))
+    arrays = {name: array for name, array in result.items() if "lane" in (array.metadata.dimension_names or ())}
     return Sweep(record.description, source), arrays, record.block_lanes
 
 
