@@ -43,7 +43,6 @@ NEEDED = {  # attributes of a run and their types
     **dict.fromkeys(("n", "steps", "every", "rows_in_block", "projection"), int),
     **{"dt": float, "complete": int},
 }
-SMALL = 1 << 18  # bytes of a file: reading it and its SHA-256 need as long as another thread
 MOST_INDEXED = 10**7  # times that are held in memory
 COMPUTED, FAILED, MISSING = 0, 1, 255  # values of the variable `failed` of a sweep
 SWEEP_FORMAT = 1
@@ -295,10 +294,8 @@ class Verified(LocalStore):
 
     async def get(self, key: str, prototype: BufferPrototype | None = None, byte_range: Any = None) -> Buffer | None:
         """The file of that key, as `get_sync`."""
-        prototype, path = prototype or default_buffer_prototype(), self.root / key
-        if path.is_file() and path.stat().st_size > SMALL:
-            return await asyncio.to_thread(self.get_sync, key, prototype=prototype, byte_range=byte_range)
-        return self.get_sync(key, prototype=prototype, byte_range=byte_range)
+        prototype = prototype or default_buffer_prototype()
+        return await asyncio.to_thread(self.get_sync, key, prototype=prototype, byte_range=byte_range)
 
     async def get_partial_values(
         self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, Any]]
