@@ -13,10 +13,12 @@ import pytest
 
 import kreisel as kr
 from compilers import run, syntax_errors
+from kreisel.bodies import BODIES
 from kreisel.checkcases.catalogue import law_of
 from kreisel.cli.checkcases import SYSTEMS as checkcase_systems
 from kreisel.cli.checkcases import files_of
 from kreisel.cli.configuration import read
+from kreisel.runs import examples
 from kreisel.runs.planning import make_plan
 from sizes import FULL
 from support import EXAMPLES
@@ -113,6 +115,38 @@ def test_c_has_the_bits_of_the_kernel(case: str, compiler: str, tmp_path: Path) 
     run = kr.simulate(model, start, dt=DT, steps=STEPS, every=STEPS, project=False, **asked)
     found = by_c(tmp_path, text, "rock", f"{orbit(model, start, asked)} rock_advance(&c, &s, {STEPS});", compiler)
     assert found[: len(state(run))] == state(run)
+
+
+BALLS = {"moments1": [2.7e16] * 3, "moments2": [9.4e12] * 3}
+FALL = {"v": (0.0, 0.02, 0.0), "L1": (0.0, 0.0, 1e11), "L2": (0.0, 0.0, 1e7)}
+OF_BODIES: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {  # what differs from the example, and the step
+    "satellite": ({}, {"M": (1e-5, 2e-5, 3e-5)}, 60.0),
+    "binary": ({}, {}, 1800.0),
+    "binary of balls": (BALLS, FALL, 8000.0),  # past each other, in steps for which Newton's method does not settle
+    "submerged-body": ({}, {}, 0.02),
+}
+
+
+@pytest.mark.parametrize("name", OF_BODIES)
+def test_a_body_with_its_forces(name: str, tmp_path: Path) -> None:
+    """Of bodies without tables; orbits solve Kepler's equation, in the kernel until it is solved."""
+    record, (parameters, more, dt) = BODIES[name.partition(" ")[0]], OF_BODIES[name]
+    case = examples.example(record, 3)
+    model = record(**case.parameters | parameters)
+    asked = {"method": "splitting", "order": 4, "orientation": case.orientation}
+    asked = {k: v for k, v in asked.items() if v is not None}
+    start = model.state(**case.state | more)
+    text = kr.code(model, start, dt=dt, name="rock", **asked)
+    run = kr.simulate(model, start, dt=dt, steps=10, every=10, project=False, **asked)
+    moved, found = list[float](), by_c(tmp_path, text, "rock", "rock_advance(&c, &s, 10);")
+    for letter, value in run.data_vars.items():
+        if value.attrs["kind"] in ("state", "orientation"):
+            expected, first = value.values[-1], value.values[0]
+            part, found = np.array(found[: expected.size]), found[expected.size :]
+            off = abs(part - expected).max() / abs(expected).max()
+            assert off < (1e-300 if name == "submerged-body" else 1e-9), (letter, off)
+            moved.append(abs(expected - first).max() / abs(expected).max())
+    assert max(moved) > 0.001
 
 
 ROCK: dict[str, Any] = {"dt": DT, "name": "rock", **TURNED}

@@ -216,6 +216,7 @@ class Rolled(Graph):
     """A graph whose loops over tables stay loops.
 
     maps    (rows, results) of each loop: its columns are inputs `row`, its results outside inputs `each`
+    values  of inputs (letter, index) that are constants
     tables  whether loops over tables stay loops, or are written out
     """
 
@@ -223,6 +224,7 @@ class Rolled(Graph):
         super().__init__()
         self._tables = tables
         self.maps: list[tuple[Sequence[Sequence[float]], list[Operand]]] = []
+        self.values = dict[tuple[str, int], float]()
 
     def for_rows(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
         if not self._tables:
@@ -244,7 +246,8 @@ class Rolled(Graph):
         results = [x for _, new in self.maps for x in new]
         inside = depending(self, self.needed(results), of_a_row)
         read = [x for at in inside for x in operands_of(self.nodes[at]) if x.at not in inside]
-        graph, values = arranged(self, [*outputs, *results, *({x.at: x.positive for x in read}.values())])
+        read_there = {x.at: x.positive for x in read}.values()
+        graph, values = arranged(self, [*outputs, *results, *read_there], self.values)
         return graph, values[: len(outputs)], values[len(outputs) : len(outputs) + len(results)]
 
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import SECOND, THIRD
+from kreisel.algebra import SECOND, THIRD, Array
 from kreisel.algebra.recorded import NotRecorded
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError
+from kreisel.graph.arranging import Rolled
 from kreisel.graph.graph import Graph
 from kreisel.languages.bodies import HELD, MESSAGES, MOMENTS, check, check_moments, watched
 from kreisel.languages.writer import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values, numbers_of
@@ -85,7 +86,7 @@ class Stepped:
         if self.fitted:
             return {}
         params, meanings = self.model.params, {p.letter: p.meaning for p in self.model.system.parameters}
-        fields = {k: _field(params[k], meanings[k]) for k in meanings if k in params}
+        fields = {k: _field(params[k], meanings[k]) for k in meanings if k in params and k not in self._tables}
         if self.by_moments:
             fields = {"I": _field(params["J"][SECOND] + params["J"][THIRD], MOMENTS)}
         return {**fields, "dt": Field(0, "time step", self.plan.dt)}
@@ -93,7 +94,14 @@ class Stepped:
     @cached_property
     def _values(self) -> dict[str, Any]:
         stages = {k: v for k, v in self.variable.stages.items() if k not in self.orbit}
-        return {**self.variable.constants, **(self.variable.basis if self.fitted else {}), **stages}
+        values = {**self.variable.constants, **(self.variable.basis if self.fitted else {}), **stages}
+        return {k: v for k, v in values.items() if k not in self._tables}
+
+    @cached_property
+    def _tables(self) -> dict[str, Array]:
+        """The empty tables of the model, which has no others; a file has none."""
+        letters = [p.letter for p in self.model.system.parameters if p.kind == "table"]
+        return {k: self.model.constants[k] for k in letters}
 
     @property
     def constants(self) -> dict[str, Field]:
@@ -125,7 +133,12 @@ class Stepped:
     def _constants(self, c: Values, stage: bool = False) -> dict[str, Any]:
         stages = self.variable.stages
         shapes = {k: np.shape(v)[k in stages :] for k, v in self._values.items() if stage or k not in stages}
-        return {k: np.reshape(np.asarray(c[k], dtype=object), shape)[()] for k, shape in shapes.items()}
+        values = {k: np.reshape(np.asarray(c[k], dtype=object), shape)[()] for k, shape in shapes.items()}
+        graph = c["dt"].graph
+        for name, table in self._tables.items():  # inputs, so that operations are fused as they are in the kernel
+            values[name] = graph.inputs(name, table.size).reshape(table.shape)
+            graph.values.update({(name, i): x for i, x in enumerate(table.ravel().tolist())})
+        return values
 
     @property
     def state(self) -> dict[str, Field]:
@@ -213,7 +226,7 @@ class Stepped:
         return {"out": np.concatenate([*self.observe(c, s).values()])}
 
     def _inputs(self) -> tuple[Values, Values]:
-        graph = Graph()
+        graph = Rolled(tables=False)
         return numbers_of(graph, "c", self.constants), numbers_of(graph, "s", self.state)
 
     def _names(self) -> list[str]:

@@ -59,8 +59,9 @@ def code(
                   "godot", "bevy" or "three"
     name          of the body: prefix of names in C, the module in Julia; letters, digits and _.  Default: the system's
 
-    In C, C++, CUDA and Rust the step is bitwise equal to the kernel without projection; the others have no fused
-    multiply-add.  Raises `InputError`.
+    In C, C++, CUDA and Rust the step is bitwise equal to the kernel without projection, of bodies on orbits up to
+    rounding: a file iterates Kepler's equation a fixed number of times.  The others have no fused multiply-add.  Raises
+    `InputError`.
     """
     require_one_of(LANGUAGES, language, "language")
     if convention is not None:

@@ -20,6 +20,7 @@ import numpy as np
 from kreisel.errors import RunError
 from kreisel.graph.arranging import ENTRY, ROW, Rolled, of_a_row
 from kreisel.graph.graph import (
+    BRANCH,
     IN,
     LOOP,
     MINUS,
@@ -27,6 +28,7 @@ from kreisel.graph.graph import (
     PLUS,
     RESULT,
     TIMES,
+    WHERE,
     Graph,
     Number,
     Operand,
@@ -162,7 +164,7 @@ class Block:
         graph = self.graph.nodes
         uses = self.uses | Counter(x.at for at in nodes for x in operands_of(graph[at]))
         uses.update(x.at for x in outputs if isinstance(x, Number))
-        uses.update({x.at: 2 for at in nodes if graph[at][0] == LOOP for x in operands_of(graph[at])})
+        uses.update({x.at: 2 for at in nodes if graph[at][0] in (LOOP, BRANCH) for x in operands_of(graph[at])})
         for at in nodes:
             operation, *operands = graph[at]
             if at in self.names:
@@ -172,6 +174,8 @@ class Block:
             elif operation == LOOP:
                 kept = {graph[k][2] for k in nodes if graph[k][0] == RESULT and graph[k][1].at == at}
                 self.names[at] = self._loop(operands, kept)
+            elif operation == BRANCH:
+                self.names[at] = self._branch(*operands)
             elif operation == RESULT:
                 self.names[at] = self.names[operands[0].at][operands[1]]
             else:
@@ -183,7 +187,8 @@ class Block:
         if letter.startswith(ENTRY):
             return f"{letter}[{index + writer.dialect.first}]"
         text = writer.inputs(letter, index)
-        return writer.once(text, letter[-1]) if letter.partition(".")[0] in writer.copied else text
+        prefix = letter.rstrip("0123456789")[-1]  # a name in every language begins with a letter
+        return writer.once(text, prefix) if letter.partition(".")[0] in writer.copied else text
 
     def expression(self, operation: str, operands: Sequence[str]) -> str:
         if operation in SIGNS:
@@ -192,6 +197,15 @@ class Block:
         if call is None:
             raise RunError(f"expected operations that {self.writer.dialect.name} has too, got {operation}")
         return call.format(*(map(bare, operands) if "(" in call[1:] else operands))
+
+    def _branch(self, place: int, test: Number, *values: Operand) -> list[str]:
+        """Both sides, and a choice between them."""
+        branch, inside = self.graph.branches[place], Block(self.writer, self.graph)
+        inside.names = dict(self.names)
+        inside.compute(self.graph.needed_inside(branch), branch.new)
+        zero, condition, expression = self.value(0.0), self.value(test), self.expression
+        choices = [(inside.value(new), self.value(old)) for new, old in zip(branch.new, values, strict=False)]
+        return [self.writer.once(expression(WHERE, [zero, condition, new, old])) for new, old in choices]
 
     def _loop(self, operands: Sequence[Any], results: set[int]) -> dict[int, str]:
         writer, loop, d = self.writer, self.graph.loops[operands[0]], self.writer.dialect
