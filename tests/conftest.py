@@ -100,9 +100,7 @@ _patch.undo = _forgetting(_patch.undo, _patched)
 os.fsync = lambda handle: None  # no test cuts the power; the disk takes 10 ms for each of some thousand calls
 
 
-# JAX's programs fill 256 megabytes in some ten tests, and half of them would be traced and read again after each time.
-SHARE = psutil.virtual_memory().total // (4 * (os.cpu_count() or 1))  # a process on each core needs 4/3 of it at most
-PROCESS, MOST_BYTES = psutil.Process(), max(3 << 28, min(1 << 30, SHARE))
+PROCESS, MOST_BYTES = psutil.Process(), 3 << 28
 KEPT = [MOST_BYTES]  # bytes after memory was freed; it is freed again when they have grown by a third of MOST_BYTES
 
 
