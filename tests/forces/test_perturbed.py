@@ -333,6 +333,11 @@ def test_a_pulse_changes_what_it_changes(middle: float) -> None:
     assert set(conserved(even)) == {"casimir", "noether"}
 
 
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")  # inf - inf, when the torque is tried
+def test_nothing_is_claimed_of_a_force_that_overflows_at_all_times() -> None:
+    assert conserved(kr.perturbed(FREE, torque=lambda M, t: M * np.exp(1e4 * (6 + t)))) == ()
+
+
 def swinging(**forces: Any) -> Any:
     return kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), **forces)
 

@@ -152,7 +152,7 @@ def _all_of_parts(
 
 def _is_zero(slope: Any, scale: Any, exact: bool) -> bool:
     if not exact:
-        return bool(np.all(abs(slope) <= ZERO * scale))
+        return bool(np.size(slope) and np.all(abs(slope) <= ZERO * scale))  # not if no rate is finite
     if not isinstance(slope, Fraction | int):
         raise TypeError(f"expected a rational number, got {type(slope).__name__}")
     return slope == 0
