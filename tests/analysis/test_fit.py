@@ -281,3 +281,48 @@ def test_unknowns_of_a_body_have_the_names_of_its_runs() -> None:
     with pytest.raises(kr.InputError, match=r"J, M \(momentum\), orientation, got 'spin'"):
         kr.fit(body, run, free=["spin"])
     assert kr.fit(body, run, free=["momentum[0]"]).table["value"].iloc[0] == pytest.approx(1 / (5.5 / 3))
+
+
+@pytest.mark.parametrize("turn", [None, (0.3, -0.5, 0.8)], ids=["principal axes", "other axes"])
+def test_the_moments_of_a_free_body(turn: Any) -> None:
+    """From rates with noise by Euler's equations, in kg m^2: d^T C^-1 d of the true values is chi^2 of 5 degrees."""
+    time, true = np.arange(60) * 0.1, 0.01 * np.array([5.0, 4.0, 3.0])
+    R = np.eye(3) if turn is None else Rotation.from_rotvec(turn).as_matrix()
+    rates = (spinning(time) + NOISE * np.random.default_rng(6).normal(size=(60, 3))) @ R.T
+    data = seen(time, angular_velocity=rates, sigma_angular_velocity=NOISE)
+    body = kr.physical.FreeBody(R @ np.diag([0.051, 0.04, 0.029]) @ R.T)
+    order, axes = np.argsort(abs(body.principal.axes.T @ R), axis=1)[:, -1], body.principal.axes
+    middle = int(np.flatnonzero(order == 1)[0])  # one moment is fixed: rates do not determine a common factor
+    free = [f"moments[{i}]" for i in range(3) if i != middle] + ["momentum"]
+    found = kr.fit(body, data, free=free, x0=body.state(rates[0]), dt=0.05)
+    M = axes.T @ R @ (true * (spinning(time)[0])) / body.momentum_unit
+    off = found.table["value"].to_numpy() - [*(true[order[i]] for i in range(3) if i != middle), *M]
+    inverse, (low, high) = np.linalg.inv(found.covariance.to_numpy()), chi2.ppf([0.5e-6, 1 - 0.5e-6], 5)
+    assert found.converged and low < off @ inverse @ off < high
+    assert (off + 1e-3) @ inverse @ (off + 1e-3) > high  # moments as far away as the guess
+    last = found.run.angular_velocity.values[-1] @ R
+    assert abs(last - spinning(time)[-1]).max() < NOISE
+    with pytest.raises(kr.InputError, match="do not change with moments"):
+        kr.fit(body, data, free=["moments", "momentum"], x0=body.state(rates[0]), dt=0.05)
+
+
+def test_the_weight_of_a_gyroscope() -> None:
+    """Of its axis by L' = r x W, a' = w x a, without an attitude, which the default method of a top does not give."""
+    I1, I3, lever, spin, tilt = 1.9e-3, 6e-4, 0.05, 200.0, 0.5  # mass 0.5 kg
+
+    def equations(t: float, y: np.ndarray) -> np.ndarray:
+        L, a = y[:3], y[3:]
+        weight = np.array([0.0, 0.0, -0.5 * 9.81])
+        return np.concatenate([cross(lever * a, weight), cross(L / I1 + (1 / I3 - 1 / I1) * (L @ a) * a, a)])
+
+    axis, time = np.array([np.sin(tilt), 0, np.cos(tilt)]), np.arange(0, 1, 0.01)
+    made = solve_ivp(equations, (0, time[-1]), [*(I3 * spin * axis), *axis], "DOP853", time, rtol=1e-11, atol=1e-13)
+    guess = kr.physical.Gyroscope(0.5, I3, I1, lever * 1.01, gravity=9.81)
+    start = guess.state(tilt=tilt, spin=spin)
+    data = seen(time, axis=made.y[3:].T)
+    found = kr.fit(guess, data, free=["p[2]"], x0=start, dt="0.1 ms")
+    assert found.values["p[2]"] == pytest.approx(1 / 1.01, rel=1e-4) and found.converged
+    run = kr.simulate(guess, start, dt="1 ms", t_end="0.5 s", every=10, progress=False)  # has an attitude
+    assert kr.fit(guess, run, free={"p[2]": 1.01}, orientation=False).values["p[2]"] == pytest.approx(1, abs=1e-9)
+    with pytest.raises(kr.InputError, match="or orientation=False"):
+        kr.fit(guess, run, free=["p[2]"])

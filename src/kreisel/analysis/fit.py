@@ -8,9 +8,9 @@ Without errors sigma all N values have one error s, s^2 = sum (observed - predic
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from kreisel.errors import AccuracyWarning, InputError, RunError, doubt, explain
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import AXES
+from kreisel.record.calling import keywords
 from kreisel.record.model import Model, State
 from kreisel.runs.differentiable import attitude_near, constants_of, differentiable
 from kreisel.runs.in_si import is_in_si, letters_of, observations_of, scaled
@@ -138,11 +139,12 @@ def fit(
                    Omega in "deg/s") are read from attributes `units`, default: the system's.  sigma_NAME, broadcast to
                    the shape of NAME, is its standard error.  Or a run: its state.
     free           names of unknowns: a parameter or a component, "p", or one entry, "p[2]", along the axes of the
-                   state; a mapping also gives the start of the search, None for the values of the system and x0
+                   state, in its units, or the principal "moments" of a `FreeBody`, kg m^2; a mapping also gives the
+                   start of the search, None for the values of the system and x0
     x0             the state at time 0, or the start of its search; default: the first row of `observations`
     orientation    the attitude at time 0, as for `kr.simulate`, or the start of its search: needed by forces that
-                   depend on g.  Free as "orientation": the axial vector of X (the entries i < j) in g = orientation
-                   cay(X/2), in the rest frame cay(X/2) orientation: the angles of a small rotation, rad
+                   depend on g; False: none.  Free as "orientation": the axial vector of X (the entries i < j) in g =
+                   orientation cay(X/2), in the rest frame cay(X/2) orientation: the angles of a small rotation, rad
     dt             the step; times between two steps are reached by a shorter step.  Default for a run: its dt
     observables    name -> f(*components, *, ...) in jax.numpy, of one state, along the axes of the state; after the
                    star parameters by letter, the orientation g as a matrix, the time t, and parameters of the
@@ -159,20 +161,36 @@ def fit(
     check_model(model)
     dt = _step_of(observations) if dt is None else positive_number(dt, "dt")
     state = checked_state(model, _first(model, observations) if x0 is None else x0)
-    functions = dict(observables or {})
+    functions, settings = dict(observables or {}), {"method": method, "order": order}
     attitude = _attitude(model, observations, orientation)
-    unknown, starts = unknowns(model, state, attitude, free, bounds or {}, functions)
+    carried = attitude if _depends_on_attitude(model, observations, free, functions) else None
+    further = {} if (body := as_body(system)) is None else body.parameters_in_si
+    unknown, starts = unknowns(model, state, carried, free, bounds or {}, functions, further)
+    parameters = partial(_parameters, body, model, {u.letter for u in unknown})
     seen = observed(model, observations, dt, functions, starts)
-    settings: dict[str, Any] = {"method": method, "order": order}
-    f = differentiable(model, **settings, orientation=attitude is not None)
-    observers = tuple((name, Identity(function)) for name, function in functions.items())
+    f = differentiable(model, **settings, orientation=carried is not None)
+    key = model.key, *_kind(model, observations, functions, further), method, order, dt
+    predicted = _predictions(f, model, unknown, starts, seen, key, parameters)
+    solution = _least_squares(predicted, seen, unknown, evaluations, model)
+    fitted = _model_at(model, starts, attitude, unknown, solution.x, parameters)
+    return _as_fit(solution, unknown, fitted, seen, predicted(solution.x.tobytes())[0], {"dt": dt, **settings})
+
+
+def _kind(
+    model: Model, observations: Any, observables: Mapping[str, Any], in_si: Mapping[str, Array]
+) -> tuple[Any, ...]:
+    """The values beside those of the model that the functions of a fit contain."""
     axes = model.body_frame.axes.tobytes() if model.body_frame else b""
     of_variables = tuple((name, variable.attrs.get(AXES)) for name, variable in observations.variables.items())
-    key = model.key, axes, of_variables, method, order, dt, observers
-    predicted = _predictions(f, model, unknown, starts, seen, key)
-    solution = _least_squares(predicted, seen, unknown, evaluations, model)
-    start, last = (model, state, attitude), predicted(solution.x.tobytes())[0]
-    return _as_fit(solution, unknown, start, seen, last, {"dt": dt, **settings})
+    of_body = tuple((letter, value.tobytes()) for letter, value in in_si.items())
+    return axes, of_variables, tuple((name, Identity(f)) for name, f in observables.items()), of_body
+
+
+def _parameters(body: Body | None, model: Model, unknown: set[str], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of the model that change: unknown ones, and those that follow from unknowns of the body in SI."""
+    changed = {letter: values[letter] for letter in model.params if letter in unknown}
+    in_si = {} if body is None else {letter: values[letter] for letter in body.parameters_in_si if letter in unknown}
+    return changed | body._scaled(in_si) if body is not None and in_si else changed
 
 
 def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, free: Any) -> tuple[Any, ...]:
@@ -182,8 +200,15 @@ def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, 
     if x0 is None and not is_in_si(observations):
         raise InputError("x0: expected body.state(...), the start of the search, got none.")
     step = _step_of(observations) if dt is None else dt
-    model, x0, orientation, asked, _ = scaled(system, x0, orientation, {"dt": step})
-    return model, x0, orientation, asked["dt"], observations_of(model, observations), letters_of(model, free)
+    model, x0, first, asked, _ = scaled(system, x0, orientation, {"dt": step})
+    return (
+        model,
+        x0,
+        first if orientation is not False else False,
+        asked["dt"],
+        observations_of(model, observations),
+        letters_of(model, free),
+    )
 
 
 def _step_of(observations: Any) -> float:
@@ -208,7 +233,7 @@ def _first(model: Model, observations: Any) -> dict[str, Any]:
 def _attitude(model: Model, observations: Any, orientation: Any) -> Array | None:
     if orientation is None and "kreisel_format" in getattr(observations, "attrs", {}) and ORIENTATION in observations:
         orientation = observations[ORIENTATION].values[0]
-    if orientation is None:
+    if orientation is None or orientation is False:
         return None
     g = initial_orientation(orientation, model)
     if g.ndim > 1 + (model.n > 3):
@@ -216,8 +241,23 @@ def _attitude(model: Model, observations: Any, orientation: Any) -> Array | None
     return g
 
 
+def _depends_on_attitude(model: Model, observations: Any, free: Any, observables: Mapping[str, Any]) -> bool:
+    """Whether forces, observations or unknowns depend on the attitude, which not every method of a top computes."""
+    forces = model.system.perturbation
+    by_forces = forces is not None and forces.names(ORIENTATION)
+    by_user = any(ORIENTATION in keywords(f) for f in observables.values() if callable(f))
+    names = *getattr(observations, "data_vars", ()), *(free if isinstance(free, Iterable) else ())
+    return by_forces or by_user or any(str(name).partition("[")[0] in (ORIENTATION, ATTITUDE) for name in names)
+
+
 def _predictions(
-    f: Any, model: Model, unknown: list[Unknown], starts: Mapping[str, Array], seen: Observations, key: Any
+    f: Any,
+    model: Model,
+    unknown: list[Unknown],
+    starts: Mapping[str, Array],
+    seen: Observations,
+    key: Any,
+    parameters: Callable[[Mapping[str, Any]], dict[str, Any]],
 ) -> Callable[[bytes], tuple[list[Array], list[Array]]]:
     """The variables of x (k,), and their Jacobians (..., k); compiled once for fits of the same kind, by `key`."""
     from kreisel.kernels import jax_numbers as by
@@ -225,7 +265,6 @@ def _predictions(
 
     jnp = jax.numpy
     letters = model.system.space.letters
-    parameters = [p for p in dict.fromkeys(u.letter for u in unknown) if p in model.params]
 
     def filled(x: Any, starts: Any, letter: str) -> Any:
         out = starts[letter]
@@ -240,7 +279,8 @@ def _predictions(
         if ORIENTATION in starts:
             turn = turn_coordinates(model, values.pop(ATTITUDE))
             state[ORIENTATION] = attitude_near(by, model, turn, starts[ORIENTATION])
-        moving = {k: values[k] for k in parameters}
+        moving = parameters(values)
+        values |= moving
         rows = _at_times(jax, f, state, seen, moving)
         constants = constants_of(by, model, moving)
         out = [
@@ -332,7 +372,7 @@ def covariance_of(J: Array, names: Sequence[str]) -> Array:
 def _as_fit(
     solution: Any,
     unknown: list[Unknown],
-    start: tuple[Model, State, Array | None],
+    fitted: tuple[Model, State, Array | None],
     seen: Observations,
     predicted: list[Array],
     settings: Mapping[str, Any],
@@ -350,7 +390,7 @@ def _as_fit(
     if not seen.weighted:
         sigma = float(np.sqrt(chi2 / dof)) if dof else np.nan
         covariance = covariance * sigma**2
-    model, state, attitude = _model_at(*start, unknown, solution.x)
+    model, state, attitude = fitted
     columns = {"value": solution.x, "error": np.sqrt(np.diag(covariance))}
     columns |= {name: np.array([getattr(u, name) for u in unknown]) for name in ("start", "low", "high")}
     return Fit(
@@ -372,13 +412,18 @@ def _as_fit(
 
 
 def _model_at(
-    model: Model, state: State, attitude: Array | None, unknown: list[Unknown], x: Array
+    model: Model,
+    starts: Mapping[str, Array],
+    attitude: Array | None,
+    unknown: list[Unknown],
+    x: Array,
+    parameters: Callable[[Mapping[str, Any]], dict[str, Any]],
 ) -> tuple[Model, State, Array | None]:
     """The model with the fitted values.  Raises `RunError` for values that no such system has."""
-    values: dict[str, Array] = {**model.params, **state.axial, ATTITUDE: np.zeros(model.n * (model.n - 1) // 2)}
+    values: dict[str, Array] = {ATTITUDE: np.zeros(model.n * (model.n - 1) // 2), **starts}
     for u, value in zip(unknown, x, strict=True):
-        if u.letter in values:  # else a parameter of the instrument
-            values[u.letter] = np.where(u.place != 0, u.place * value, values[u.letter])
+        values[u.letter] = np.where(u.place != 0, u.place * value, values[u.letter])
+    values |= parameters(values)
     try:
         fitted = Model(model.system, {k: values[k] for k in model.params}, model.body_frame)
         fitted_state = fitted.state(**{k: values[k] for k in model.system.space.letters})

@@ -44,26 +44,32 @@ class Unknown(NamedTuple):
 
 
 def unknowns(
-    model: Model, state: State, attitude: Array | None, free: Any, bounds: Any, observables: Mapping[str, Any]
+    model: Model,
+    state: State,
+    attitude: Array | None,
+    free: Any,
+    bounds: Any,
+    observables: Mapping[str, Any],
+    in_si: Mapping[str, Array],
 ) -> tuple[list[Unknown], dict[str, Array]]:
     """The unknowns, entry by entry, and arrays of parameters, components, the attitude and the instrument.
 
-    Raises `InputError`.
+    in_si: parameters of a body that its model does not have, in SI.  Raises `InputError`.
     """
     names: Any = free if isinstance(free, Mapping | Sequence) and not isinstance(free, str) else [None]
     if not all(isinstance(name, str) for name in names):
         raise InputError(f"free: expected a list of names such as ['p', 'm[2]'], or a dict, got {shown(free)}.")
     asked: dict[str, Any] = dict(free) if isinstance(free, Mapping) else dict.fromkeys(names)
     parameters = {p.letter: p.kind for p in model.system.parameters if p.kind not in ("dimension", "table")}
-    kinds = {**parameters, **dict(model.system.space.components)}
-    starts: dict[str, Array] = {**model.params, **state.axial}
+    kinds = {**dict.fromkeys(in_si, "array"), **parameters, **dict(model.system.space.components)}
+    starts: dict[str, Array] = {**in_si, **model.params, **state.axial}
     if attitude is not None:
         kinds[ATTITUDE] = "array"
         starts |= {ATTITUDE: np.zeros(model.n * (model.n - 1) // 2), ORIENTATION: attitude}
     elif ATTITUDE in asked:
         raise InputError("free: expected orientation=..., where the search for the orientation begins, got none.")
     for name in dict.fromkeys(n for f in observables.values() if callable(f) for n in sorted(keywords(f))):
-        if name in (*model.params, ORIENTATION, TIME):
+        if name in (*in_si, *model.params, ORIENTATION, TIME):
             continue  # the others are parameters of the instrument
         if asked.get(name) is None:
             raise InputError(f"free: expected a start of {name}, which observables accept, such as {{{name!r}: 0.0}}.")

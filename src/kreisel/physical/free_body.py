@@ -119,6 +119,11 @@ class FreeBody(Forced):
         frame = BodyFrame.in_units(self.time_unit, self.momentum_unit, self.principal.axes)
         return self.forced(REGISTRY["euler-top"](J=J).of_body(frame))
 
+    @property
+    def parameters_in_si(self) -> dict[str, Any]:
+        """The principal moments, kg m^2, which determine J."""
+        return {"moments": self.principal.moments}
+
     def _scaled(self, parameters: dict[str, Any]) -> dict[str, Any]:
         """J for the principal moments."""
         if wrong := parameters.keys() & {"J", "inertia"}:

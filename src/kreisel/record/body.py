@@ -81,6 +81,11 @@ class Body:
         momentum = "angular_momentum" if fluid else "momentum"
         return {"M": momentum, "m": momentum, "a": "axis", "P": "linear_momentum" if fluid else "up", "g": "attitude"}
 
+    @property
+    def parameters_in_si(self) -> dict[str, Any]:
+        """Values of parameters of `in_si()` that its model does not have, by name."""
+        return {}
+
     def _scaled(self, parameters: dict[str, Any]) -> dict[str, Any]:
         """Parameters of `in_si()` for parameters in SI."""
         return parameters
