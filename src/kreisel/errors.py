@@ -8,6 +8,7 @@ import difflib
 import errno
 import functools
 import inspect
+import os
 import re
 import signal
 import sys
@@ -239,8 +240,11 @@ def _title(call: Callable[..., Any]) -> str:
 def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[str, Any]) -> str:
     """The reason why these arguments do not fit, and the call that would: for the first fault."""
     parameters = list(inspect.signature(call).parameters.values())
+    maker: Any = None
     if parameters and parameters[0].name in ("self", "cls", "_cls"):
+        maker = type(values[0]) if parameters[0].name == "self" and not call.__name__.startswith("__") else None
         parameters, values = parameters[1:], values[1:]
+    of_maker = inspect.signature(maker).parameters if maker else {}
     title, names = _title(call), [p.name for p in parameters]
     first = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
     needed = [
@@ -254,6 +258,7 @@ def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[st
     faults = (
         *(
             f" has no argument {shown(name)}.{hint(name, names)} Its arguments are: {', '.join(names) or 'none'}."
+            + (f" {maker.__name__}(..., {name}=...) has it." if name in of_maker else _on_files(call, named.values()))
             for name in named
             if name not in names and not any_name
         ),
@@ -263,10 +268,21 @@ def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[st
             if name in named
         ),
         *([f": expected {most}, got {len(values)}."] if len(values) > len(names) else []),
-        *([f": {by_position}, got {len(values)} by position. {write}"] if len(values) > len(first) else []),
+        *(
+            [f": {by_position}, got {len(values)} by position.{_on_files(call, values) or ' ' + write}"]
+            if len(values) > len(first)
+            else []
+        ),
         f": expected {missing}, got none. {write}",
     )
     return title + faults[0]
+
+
+def _on_files(call: Callable[..., Any], values: Iterable[Any]) -> str:
+    """The call that writes a file, from the docstring of a function that does not, if the name of a file is given."""
+    example = re.search(r"`(kr\.\w+\(run\)\.save\w*\([^`]+\))`", call.__doc__ or "")
+    files = any(isinstance(value, str | os.PathLike) and os.path.splitext(value)[1] for value in values)
+    return f" A file is written by {example[1]}." if example and files else ""
 
 
 def _written_call(

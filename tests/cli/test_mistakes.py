@@ -18,6 +18,7 @@ from kreisel import analysis, cli, physical
 TOP, BODY = kr.LagrangeTop(p=(0, 0, 1)), kr.Clebsch(b=(1, 2, 4))
 X0 = TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
 XB = BODY.state(M=(1, 0.2, 0.3), P=(0.6, 0, 0.8))
+WHEELED = kr.physical.Satellite((1, 2, 2.5), kr.physical.Orbit.circular("500 km"), wheels=kr.physical.Wheels(np.eye(3)))
 DESIGN = kr.Design(grid={"system.alpha": [1, 2]})
 GRID: dict[str, Any] = {"dt": 0.1, "steps": 3, "path": "s.zarr", "workers": 0}
 # (what is called, words of the message)
@@ -89,6 +90,11 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.plot(run, run), "Write plot(run, compare=...)"),
     (lambda run: kr.plot(run, theme="drak"), "Did you mean 'dark'"),
     (lambda run: kr.view(run, 1), "Write view(run, lane=1)"),
+    (lambda run: kr.view(run, "top.html"), "written by kr.view(run).save("),
+    (lambda run: kr.view(run, path="top.html"), "written by kr.view(run).save("),
+    (lambda run: kr.plot(run, "top.png"), "written by kr.plot(run).savefig("),
+    (lambda run: WHEELED.state((0, 0, 1), wheels=(0, 0, 1)), "Satellite(..., wheels=...) has it"),
+    (lambda run: kr.physical.Satellite((1, 2, 2.5), wheels=(0, 0, 1), orbit=WHEELED.orbit), "momenta="),
     (lambda run: kr.view("run.zarr"), "opened by kr.open_run(path)"),
     (lambda run: kr.open_run("nope.zarr"), "There is no archive"),
     (lambda run: kr.open_run(["run.zarr"]), "needs a name such as"),
@@ -128,6 +134,11 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.methods("x"), "expected no arguments"),
     (lambda run: kr.lab.investigate(), "Write investigate(candidate)"),
     (lambda run: kr.lab.investigate("clebsh"), "Did you mean 'clebsch'"),
+    (lambda run: kr.lab.investigate("satellite"), "satellite has no map to investigate"),
+    (
+        lambda run: kr.lab.investigate(lambda z: (1 - 1.4 * z[0] ** 2, z[0]), names=("x", "y")),
+        "fractions.Fraction('1.4')",
+    ),
     (lambda run: kr.lab.investigate(lambda x: x), "names=('x', 'y')"),
     (lambda run: analysis.section(run), "Write section(run, quantity)"),
     (lambda run: analysis.section(run, "b[1]"), "not a component of the state"),
@@ -228,6 +239,10 @@ COMMANDS: list[tuple[list[str], str]] = [
     (["view", "run.zarr", "--lane", "3", "-o", "x.html"], "--lane"),
     (["export", "run.zarr", "x.xlsx"], "must end in"),
     (["systems", "clebsh"], "Did you mean 'clebsch'"),
+    (["systems", "gyroscop"], "Did you mean 'gyroscope'"),
+    (["investigate", "satellite"], "satellite has no map to investigate"),
+    (["investigate", "free-body"], "`kreisel new free-body`"),
+    (["code", "freebody"], "Did you mean 'free-body'"),
     (["methods", "sures"], "Did you mean 'suris'"),
     (["investigate", "nowhere.py"], "No file"),
     (["investigate", "empty.py"], "def step(x)"),

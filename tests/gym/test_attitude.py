@@ -107,6 +107,26 @@ def test_a_law_that_points(sign: int, points: bool) -> None:
     assert bool(angle.max() < 2) is points and bool(total > -300) is points
 
 
+def test_one_spin_or_one_attitude_for_all_lanes() -> None:
+    """Rates and quaternions that are seen are those given."""
+    envs, spin, attitude = environment(), (0.0, 0.004, -0.01), (0.8, 0.0, 0.6, 0.0)
+    seen, _ = envs.reset(seed=3, options={"spin": spin})
+    np.testing.assert_allclose(seen[:, 4:7] * 0.02, np.tile(spin, (LANES, 1)), rtol=1e-12, atol=1e-15)
+    assert len(np.unique(seen[:, 0])) == LANES  # attitudes are random
+    seen, _ = envs.reset(seed=3, options={"attitude": attitude})
+    np.testing.assert_allclose(seen[:, :4], np.tile(attitude, (LANES, 1)), atol=1e-12)
+
+
+def test_a_reward_is_a_function_with_a_value_for_each_lane() -> None:
+    with pytest.raises(kr.InputError, match=r"reward: expected a function of angle, rates and action, got 3"):
+        environment(reward=3)
+    for wrong in (lambda angle, rates, action: 0.0, lambda angle, rates, action: rates):
+        envs = environment(reward=wrong)
+        envs.reset()
+        with pytest.raises(kr.InputError, match=r"reward: expected a value for each lane, \(4,\), got the shape"):
+            envs.step(np.zeros((LANES, 3)))
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kreisel.cli.checkcases import files_of
 from kreisel.cli.output import OverwriteFile, a_path, app, arg, opt, say, system_names
-from kreisel.errors import InputError
+from kreisel.errors import InputError, hint, shown
 from kreisel.record.contract import System
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ def new(
     overwrite: OverwriteFile = False,
 ) -> None:
     """Write a commented TOML file, ready to run: kreisel new lagrange-top, then kreisel run lagrange-top.toml."""
-    from kreisel.bodies import KNOWN, find
+    from kreisel.bodies import KNOWN
     from kreisel.files import require_file, written
     from kreisel.runs.examples import example
 
@@ -239,13 +239,13 @@ def new(
     elif lagrangian:
         files = {code: LAGRANGIAN.format(head=HEAD, name=name), target: _of_lagrangian(name, target, code)}
     elif perturbed:
-        files = forced(example(find(name), n), f"my-{name}", target, code)
+        files = forced(example(system_named(name), n), f"my-{name}", target, code)
     elif name in SAMPLES and not swept and n is None:
         files = {target: text_of_body(name, target)}
     elif name in SAMPLES and name not in KNOWN:
         raise InputError(f"kreisel new: expected a system for --sweep and --n, got the body {name}.")
     else:
-        files = {target: text_of(example(find(name), n), target, swept)}
+        files = {target: text_of(example(system_named(name), n), target, swept)}
     for path in files:
         require_file(path, overwrite)
     for path, text in files.items():
@@ -253,6 +253,20 @@ def new(
             scratch.write_text(text, encoding="utf-8")
     done = f"{' and '.join(map(str, files))} written; next: kreisel {'sweep' if swept else 'run'} {target}"
     say(done, sys.stderr)  # not a line of TOML, in `kreisel new NAME > FILE`
+
+
+def system_named(name: str) -> System:
+    """The system of that name.  Raises `InputError`, which names bodies of `kr.physical` too."""
+    from kreisel.bodies import KNOWN
+
+    if name in SAMPLES and name not in KNOWN:
+        raise InputError(
+            f"expected a system, got {name}, a body of kr.physical. `kreisel new {name}` writes a TOML file of its run."
+        )
+    if name not in KNOWN:
+        names = f"{', '.join(KNOWN)}; bodies: {', '.join(SAMPLES)}"
+        raise InputError(f"No system is called {shown(name)}.{hint(name, (*KNOWN, *SAMPLES))} There are: {names}.")
+    return KNOWN[name]
 
 
 def text_of(sample: Example, target: Path, swept: bool = False) -> str:

@@ -21,11 +21,11 @@ def systems(
     name: str | None = arg("One system, for its complete record.", system_names), as_json: AsJson = False
 ) -> None:
     """List the systems, or print the record of one."""
-    from kreisel.bodies import BODIES, KNOWN, find
-    from kreisel.cli.new import SAMPLES
+    from kreisel.bodies import BODIES, KNOWN
+    from kreisel.cli.new import SAMPLES, system_named
     from kreisel.viewer.record import record, summary, table
 
-    _records(name, as_json, find, KNOWN.values(), summary, record, table)
+    _records(name, as_json, system_named, KNOWN.values(), summary, record, table)
     if name is None and not as_json:
         print(f"\nThe last {len(BODIES)} are bodies under forces, in SI units and in axes that suit the equations.")
         print(f"Bodies of kr.physical, for `kreisel new NAME` and [body] of a TOML file: {', '.join(SAMPLES)}.")
@@ -145,6 +145,7 @@ def investigate(
     as_json: AsJson = False,
 ) -> None:
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
+    from kreisel.cli.new import system_named
     from kreisel.files import require_file
     from kreisel.lab import investigation
 
@@ -159,7 +160,7 @@ def investigate(
     if subject.endswith(".py"):
         report = investigation.investigate_file(Path(subject).expanduser(), **settings)
     else:
-        report = investigation.investigate(subject, **settings)
+        report = investigation.investigate(system_named(subject), **settings)
     if html is not None:
         report.save(html)
     if as_json:
@@ -223,12 +224,12 @@ def code(
 
 def _example_or_run(subject: str, values: dict[str, Any], asked: dict[str, Any], n: int, oriented: bool) -> Any:
     """The model and the state of a system by name, or of a TOML file, whose settings complete `asked`."""
-    from kreisel.bodies import find
     from kreisel.cli.configuration import read
+    from kreisel.cli.new import system_named
     from kreisel.runs.examples import example
 
     if not subject.endswith(".toml"):
-        sample = example(find(subject), n, values)
+        sample = example(system_named(subject), n, values)
         if oriented and sample.model.system.velocity is not None:
             asked["orientation"] = (
                 [1.0, 0.0, 0.0, 0.0] if n == 3 else [[float(i == j) for j in range(n)] for i in range(n)]

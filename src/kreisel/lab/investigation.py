@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.bodies import find
 from kreisel.errors import InputError, explained, shown
 from kreisel.files import place, written
 from kreisel.lab.exact import fraction
@@ -24,7 +25,6 @@ from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.runs.operations import executed, own_systems
 from kreisel.runs.settings import within
-from kreisel.system import find
 
 OF_A_FILE = ("names", "n", "frame", "eps", *BESIDE)
 

@@ -104,7 +104,8 @@ class Subject:
             except (TypeError, AttributeError) as error:
                 raise InputError(
                     f"The step of {self.name} failed on residues modulo {p}: {error}. Exact experiments need a "
-                    "rational function of the coordinates: + - * / and integer powers, no roots, no functions of NumPy."
+                    "rational function of the coordinates: + - * / and integer powers, no roots, no functions of "
+                    "NumPy. For a float such as 1.4 write fractions.Fraction('1.4')."
                 ) from error
             if new.shape != (self.dim,):
                 raise InputError(f"The step of {self.name} must return {self.dim} values, got shape {new.shape}.")

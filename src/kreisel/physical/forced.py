@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -32,7 +32,7 @@ class Forced(Varied):
     potential   a function, J, of the same without M and Omega; its torque is derived from it
     damping     gamma in M' = -gamma M, 1/s: one value, or one for each axis
     params      further arguments of the functions by name, each with or without an axis of lanes
-    wheels      `Wheels`, whose momenta are a part of the state; of a `FreeBody` or a satellite
+    wheels      `Wheels(axes, momenta=...)`, whose momenta are a part of the state; of a `FreeBody` or a satellite
     control     a `kr.Control`, compiled with the steps; its memory and its commands are a part of the state
     """
 
@@ -61,7 +61,8 @@ class Forced(Varied):
         if "_forced" not in self.__dict__:
             for name, kind in (("wheels", Wheels), ("control", Control)):
                 if not isinstance(value := getattr(self, name), kind | None):
-                    raise InputError(f"{name}: expected kr.physical.{kind.__name__}(...), got {shown(value)}.")
+                    arguments = ", ".join(f"{field.name}=..." for field in fields(kind))
+                    raise InputError(f"{name}: expected kr.physical.{kind.__name__}({arguments}), got {shown(value)}.")
             model = self._with_functions(model, quantities) if self._by_functions else model
             if self.control is not None or self.wheels is not None:
                 model = controlled_by(model, self.control, self.wheels)

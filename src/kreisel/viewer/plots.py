@@ -60,8 +60,9 @@ def plot(
     rounding errors; families that never change are named.  For an ensemble the paths of up to seven lanes are drawn.
     `compare` is a second run with the same variables, also of another system, drawn in grey in the same strips.
     `theme` is "light" or "dark", `style` "house" or "journal": 183 mm wide, 8 points, a serif face, no grid, for .pdf
-    and .svg.  A notebook displays the figure.  Raises `InputError` if `compare` has other variables, if the run lacks
-    the vector that is drawn, and for states at given times (`kr.at`), which are not a run.
+    and .svg.  A notebook displays the figure; `kr.plot(run).savefig("run.png")` writes it.  Raises `InputError` if
+    `compare` has other variables, if the run lacks the vector that is drawn, and for states at given times (`kr.at`),
+    which are not a run.
     """
     runs = [run] if compare is None else [run, compare]
     records = [RunRecord.of(dataset, "system", "title", "method", "n", "steps") for dataset in runs]

@@ -108,8 +108,9 @@ class BodyPropagator:
             named = {letter: state[name] for name, (letter, _) in self._places.items()}
         arrays = {letter: algebra.floats(named[letter]) for letter in self._motion.letters}
         parts = [array[..., None] if letter in self._numbers else array for letter, array in arrays.items()]
-        if isinstance(state, State):  # in units of the model; its attitude may be that of all lanes
-            return np.concatenate([np.broadcast_to(x, (*parts[0].shape[:-1], x.shape[-1])) for x in parts], -1)
+        if isinstance(state, State):  # in units of the model; its attitude or its momentum may be that of all lanes
+            lanes = np.broadcast_shapes(*(x.shape[:-1] for x in parts))
+            return np.concatenate([np.broadcast_to(x, (*lanes, x.shape[-1])) for x in parts], -1)
         return self._changed(np.concatenate(parts, -1), self._into)
 
     def _changed(self, x: Array, by: Array) -> Array:
