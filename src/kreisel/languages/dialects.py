@@ -32,6 +32,7 @@ class Dialect:
     about: tuple[str, ...] = ()  # the end of {head}: lines of a program that uses the file, compilers
     mark: str = ""  # the beginning of a line of {head}
     types: tuple[str, ...] = ()  # of a type: its head, a field that is a number, one that is an array, its end
+    zeros: tuple[str, ...] = ("", "")  # a field of 0 in the end of a type, as {zeros}
     function: str = ""  # the head of a function, {arguments} joined by commas; {result} is one of `results`
     call: str = ""
     results: Mapping[str, str] = field(default_factory=dict)
@@ -61,6 +62,7 @@ class Dialect:
     single: bool = False
     first: int = 0  # the index of the first entry of an array
     reserved: str = ""  # names in small letters that a body cannot have
+    keywords: str = ""  # names that its parameters cannot have
 
     def literal(self, value: float) -> str:
         """A number with all its digits."""
@@ -76,6 +78,12 @@ class Dialect:
         return replace(self, single=True, number=self.number32, renamed={**self.renamed, **self.words})
 
 
+WORDS = (  # keywords of C and C++
+    "auto bool break case catch char class const continue default delete do double else enum explicit export extern "
+    "false float for friend goto if inline int long namespace new not operator or private protected public register "
+    "return short signed sizeof static struct switch template this throw true try typedef typename union unsigned "
+    "using virtual void volatile while "
+)
 SELECTS = "({1} > {0} ? {1} : {0})|({0} < 0.0 ? -1.0 : 1.0)|({0} < {1} ? {2} : {3})"
 FUSED, TWICE = "|fma({0}, {1}, {2})", "|(({0}) * ({1}) + ({2}))"
 ROOTS, NAMED = "|sqrt({0})|abs({0})|round({0})", "|sin({0})|cos({0})|exp({0})|log({0})"
@@ -129,6 +137,7 @@ C = _language(
         "default": "static const double {type}_{name} = {body};|"
         "static const double {type}_{name}[{count}] = {{{body}}};",
         "number32 unused": "{}f|(void){};",
+        "keywords": WORDS,
         "calls": SELECTS + FUSED + "|sqrt({0})|fabs({0})|rint({0})" + NAMED,
     },
     words={"double ": "float ", **{f"{name}(": f"{name}f(" for name in ("fma", "sqrt", "fabs", "rint")}},
@@ -156,8 +165,10 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{ x.mul_add(y, z) }}
         "Rust 2021.  In a crate without std, enable a feature `libm` that depends on num-traits/libm.  "
         "Compile with -C target-cpu=native for speed; the bits are those of C in any case.",
         "name finish mark note": "rust||//! | // {}",
-        "types": "#[derive(Clone, Copy, Debug, Default)]\npub struct {Name} {{|    pub {name}: f64,{comment}|"
-        "    pub {name}: [f64; {count}],{comment}|}}",
+        "types": "#[derive(Clone, Copy, Debug)]\npub struct {Name} {{|    pub {name}: f64,{comment}|"
+        "    pub {name}: [f64; {count}],{comment}|}}\n\n"  # arrays of more than 32 have no Default to derive
+        "impl Default for {Name} {{\n    fn default() -> Self {{\n        Self {{ {zeros} }}\n    }}\n}}",
+        "zeros": "{name}: 0.0|{name}: [0.0; {count}]",
         "function call": "pub fn {name}({arguments}){result} {{|{name}({arguments});",
         "results": "| -> f64| -> i32| -> &'static str",
         "arguments": "{name}: f64|{name}: &[f64; {count}]|{name}: &mut [f64; {count}]|{name}: &{Of}|{name}: &mut {Of}|"
@@ -171,6 +182,9 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{ x.mul_add(y, z) }}
         "default": "pub const default_{name}: f64 = {body};|pub const default_{name}: [f64; {count}] = [{body}];",
         "number32 unused special": "{}||f64::NAN f64::INFINITY",
         "reserved": "crate self super mod fn let mut pub use impl struct enum type match loop move ref",
+        "keywords": WORDS
+        + "as async await box crate dyn final fn impl in let loop match mod move mut pub ref self super trait "
+        "type unsafe use where yield",
         "calls": "(if {1} > {0} {{ {1} }} else {{ {0} }})|(if {0} < 0.0 {{ -1.0 }} else {{ 1.0 }})|"
         "(if {0} < {1} {{ {2} }} else {{ {3} }})" + FUSED + f"|({{0}}).sqrt()|({{0}}).abs()|{HALF}|"
         "({0}).sin()|({0}).cos()|({0}).exp()|({0}).ln()",
@@ -190,6 +204,8 @@ JAVASCRIPT = _language(
         "results": "|||",
         "once starts joint": "const {} = {};|let {} = {};|, ",
         "room status special reserved": "|{}|NaN Infinity|",
+        "keywords": WORDS
+        + "arguments await eval extends finally function import in instanceof let null super typeof var",
         "up": "for (let {var} = 0; {var} < {count}; {var}++) {{",
         "default": "export const {name}_default = {body};|export const {name}_default = [{body}];",
         "calls": f"{SELECTS}|({{0}} * {{1}} + {{2}})|sqrt({{0}})|abs({{0}})|{NAMED}",
@@ -213,10 +229,14 @@ CSHARP = _language(
         "once starts": "double {} = {};|double {} = {};",
         "up status special": f"{C.up}|{C.status}|double.NaN double.PositiveInfinity",
         "reserved": "system constants state",
+        "keywords": WORDS
+        + "abstract as base byte decimal event fixed foreach in interface internal is lock null object out "
+        "override params readonly ref sealed string",
         "default": "public const double default_{name} = {body};|"
         "public static readonly double[] default_{name} = {{ {body} }};",
         "calls": SELECTS + TWICE + "|Sqrt({0})|Abs({0})|Round({0})|Sin({0})|Cos({0})|Exp({0})|Log({0})",
     },
+    renamed={"[] out": "[] values", " out[": " values["},  # `out` is a keyword
 )
 JULIA = _language(
     JAVASCRIPT,
@@ -233,6 +253,7 @@ JULIA = _language(
         "give status case": 'return {}|Int({})|status == {status} && return "{text}"',
         "default": "const {name}_default = {body}|const {name}_default = [{body}]",
         "special number32 reserved": "NaN Inf|Float32({})|base core main constants state",
+        "keywords": WORDS + "begin elseif end finally function global import let local macro module quote",
         "calls": SELECTS + FUSED + ROOTS + NAMED,
     },
     words={"Float64": "Float32"},
@@ -254,6 +275,7 @@ PYTHON = _language(
         "default": "default_{name} = {body}|default_{name} = ({body},)",
         "special": "float('nan') float('inf')",
         "reserved": "and as class def del from global import in is lambda not or pass with yield",
+        "keywords": "",
         "calls": PYTHONIC + ROOTS + NAMED,
     },
 )
@@ -272,6 +294,7 @@ GDSCRIPT = _language(
         "{name}: int|{name}: int|{name}: int",
         "once starts joint": "var {} := {}|var {} := {}|; var ",
         "up special reserved": "for {var} in {count}:|NAN INF|constants state",
+        "keywords": WORDS + "await breakpoint extends func match preload self signal super trait var",
         "default": "const default_{name} := {body}|const default_{name}: Array[float] = [{body}]",
         "calls": f"{PYTHONIC}|sqrt({{0}})|absf({{0}})|{HALF}{NAMED}",
     },
@@ -293,6 +316,8 @@ WGSL = _language(
         "up status": "for (var {var} = 0; {var} < {count}; {var}++) {{|i32({})",
         "default": "const {type}_{name}: f32 = {body};|const {type}_{name} = array<f32, {count}>({body});",
         "number number32 reserved": "{}f|{}f|",
+        "keywords": WORDS
+        + "alias array discard fn let loop package ref sampler self set shared smooth target type var",
         "calls": "max({0}, {1})|select(1.0, -1.0, {0} < 0.0)|select({3}, {2}, {0} < {1})" + FUSED + ROOTS + NAMED,
     },
     words={},

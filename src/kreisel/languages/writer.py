@@ -10,14 +10,14 @@ import hashlib
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from kreisel.errors import RunError
+from kreisel.errors import InputError, RunError
 from kreisel.graph.arranging import ENTRY, ROW, Rolled, of_a_row
 from kreisel.graph.graph import (
     BRANCH,
@@ -49,11 +49,18 @@ class Writer:
 
     inputs  the expression of an input (letter, index)
     copied  objects whose inputs may change before they are read, so that they are copied first
+    taken   names of arguments, which no other name may equal
     lines   the statements
     """
 
-    def __init__(self, dialect: Dialect, inputs: Callable[[str, int], str] | None = None, copied: Sequence[str] = ()):
-        self.dialect, self.inputs, self.copied = dialect, inputs or "{}[{}]".format, copied
+    def __init__(
+        self,
+        dialect: Dialect,
+        inputs: Callable[[str, int], str] | None = None,
+        copied: Sequence[str] = (),
+        taken: Iterable[str] = (),
+    ):
+        self.dialect, self.inputs, self.copied, self.taken = dialect, inputs or "{}[{}]".format, copied, {*taken}
         self.lines, self.indent, self._open, self._count = list[str](), 1, "", 0
 
     def say(self, statement: str) -> None:
@@ -71,7 +78,8 @@ class Writer:
     def fresh(self, letter: str = "t") -> str:
         """A name that the function does not yet have."""
         self._count += 1
-        return f"{letter}{self._count}"
+        name = f"{letter}{self._count}"
+        return self.fresh(letter) if name in self.taken else name
 
     def once(self, expression: str, letter: str = "t") -> str:
         """The name of a new constant with this value."""
@@ -284,7 +292,8 @@ def numbers_of(graph: Graph, name: str, fields: Mapping[str, Field], staged: boo
 def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str, str]) -> str:
     """A function, written."""
     types = {"constants": body.constants, "state": body.state}
-    graph, values, staged = Rolled(tables=bool(dialect.room)), dict[str, Any](), "k" in function.arguments
+    graph, values = Rolled(tables=bool(dialect.room)), dict[str, Any]()
+    staged = ("k", ("index", 0)) in function.arguments.items()  # `k` may be a parameter of a body
     for name, (kind, count) in function.arguments.items():
         if kind.endswith(("state", "read constants")):
             values[name] = numbers_of(graph, name, types[kind.split()[1]], staged)
@@ -304,7 +313,7 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
         return dialect.members[f.count > 0].format(object=owner, name=name, i=index)
 
     changed = [name for name, (kind, _) in function.arguments.items() if kind == "written state"]
-    writer = Writer(dialect, place, changed)
+    writer = Writer(dialect, place, changed, function.arguments)
     if function.result:
         (value,) = writer.values(graph, as_operands([results]))
         number = bare(value) if function.result == "number" else dialect.status.format(bare(value))
@@ -359,11 +368,18 @@ def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Map
             "zeros": ", ".join(["0.0"] * f.count),
         }
         lines.append((array if f.count else number).format(name=entry, count=f.count, **words_of_field, **words))
-    return "\n".join([*lines, end.format(name=name, **words)])
+    zeros = ", ".join(dialect.zeros[f.count > 0].format(name=entry, count=f.count) for entry, f in fields.items())
+    return "\n".join([*lines, end.format(name=name, Name=name.capitalize(), zeros=zeros, **words)])
 
 
 def assembled(body: Body, dialect: Dialect, name: str) -> str:
-    """The file, named."""
+    """The file, named.  Raises `InputError` for names of parameters that it cannot have."""
+    functions = ("step", "advance", "message", *(function.name for function in body.functions))
+    if taken := [k for k in body.parameters if k in (*functions, *dialect.keywords.split())]:
+        raise InputError(
+            f"params: expected names that {dialect.name} and the functions of the file do not have already, got "
+            f"{', '.join(taken)}. Give other names to parameters of the forces."
+        )
     words = {"type": name, "module": "".join(word[:1].upper() + word[1:] for word in name.split("_"))}
     lines = [*body.head, *(line.format(**words) for line in dialect.about)]
     wrapped = [x for line in lines for x in textwrap.wrap(line, WIDTH) or [""]]
