@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from kreisel.lab.darboux import darboux
 from kreisel.lab.dynamics import dynamics
 from kreisel.lab.growth import growth, singularities
 from kreisel.lab.integrals import integrals
+from kreisel.lab.search import logarithmic, search
 from kreisel.lab.subject import subject
 
 pytest.importorskip("flint")
@@ -43,6 +45,8 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "a name twice": (lambda: subject(henon, names=("x", "x")), "names: expected each coordinate once"),
     "a name too few": (lambda: growth(subject(henon, names=("x",)), 3), "a name for each coordinate .* got x: index"),
     "lanes": (lambda: subject(kr.LagrangeTop(p=[(0, 0, 1), (0, 0, 2)])), r"one body, got a batch \(2,\)"),
+    "a grid of a number": (lambda: search(logarithmic, {"c": 2}), "grid: expected a list of values of c, got 2"),  # type: ignore[dict-item]
+    "no grid": (lambda: search(logarithmic), r"expected grid, got none. Write search\(family, grid\)"),  # type: ignore[call-arg]
     "a map to prove": (lambda: certified.prove(henon), "expected claimed of the type System | Model"),  # type: ignore[arg-type]
     "a name for a record": (lambda: laws.check("clebsch"), "expected system of the type System | Model"),  # type: ignore[arg-type]
 }
@@ -53,6 +57,26 @@ def test_mistakes_are_named(mistake: str) -> None:
     call, said = MISTAKES[mistake]
     with pytest.raises(kr.InputError, match=said):
         call()
+
+
+def test_a_family_without_the_parameter_of_the_grid() -> None:
+    (score,) = search(logarithmic, {"b": [2]}, steps=0).scores
+    assert score.verdict == "logarithmic: expected c, got none. Write logarithmic(c, b=2)."
+
+
+def test_a_family_of_maps_of_the_plane() -> None:
+    """McMillan's map is integrable, Henon's x' = 1 - a x^2 + y has the entropy log 2 of its degrees 2^k."""
+
+    def family(a: Any, cubic: bool) -> Any:
+        def mcmillan(z: Any) -> Any:
+            x, y = z
+            return y, -x + 2 * a * y / (1 + y * y)
+
+        return subject(mcmillan if cubic else lambda z: (1 - a * z[0] ** 2 + z[1], z[0] / 3), names=("x", "y"))
+
+    best, worst = search(family, {"a": [Fraction("1.4")], "cubic": [False, True]}, steps=0).scores
+    assert best.parameters["cubic"] and best.verdict == "integrable" and best.power == 2
+    assert worst.verdict == "not integrable" and worst.entropy == pytest.approx(np.log(2), rel=1e-9)
 
 
 def test_a_model_is_tested_over_the_rationals() -> None:

@@ -20,7 +20,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, objects, vec, wedge
-from kreisel.errors import InputError, RunError
+from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.lab import dynamics
 from kreisel.lab.exact import fraction, fractions
 from kreisel.lab.questions import QUESTIONS, Clues, filled
@@ -122,7 +122,7 @@ def judge(
 ) -> Score:
     """One member.  An error goes into the score, so that a search continues."""
     try:
-        member = family(**parameters)
+        member = explained(family)(**parameters)  # a name that it does not have is a verdict
         member = member if isinstance(member, Subject) else subject(member, eps=eps)
         clues = Clues(member, degree, iterates, steps, 0)
         labels = ("period", "Poisson", *(["volume"] if member.dim < 5 else []), "degree growth", "integrals")
@@ -175,6 +175,7 @@ class Ranking:
         return pd.DataFrame(rows)
 
 
+@explained
 def search(
     family: Callable[..., Any],
     grid: Mapping[str, Sequence[Any]],
@@ -191,9 +192,11 @@ def search(
     workers    processes of Dask, as in `kr.sweep`; 0: this one.  `scheduler`: the address of one
     options    of `judge`: eps, degree, iterates, steps (0: no orbits in floats), orbits
 
-    Raises `InputError` for an empty grid, too many members, and as `kr.sweep` does.
+    Raises `InputError` for an empty grid, values that are not lists, too many members, and as `kr.sweep` does.
     """
     check_workers(workers, scheduler)
+    if single := [name for name, values in grid.items() if np.ndim(np.asarray(values, dtype=object)) == 0]:
+        raise InputError(f"grid: expected a list of values of {single[0]}, got {shown(grid[single[0]])}.")
     members = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
     if not 1 <= len(members) <= MOST or not grid:
         raise InputError(f"A grid of 1 to {MOST:,} members was expected, got {len(members):,}.")

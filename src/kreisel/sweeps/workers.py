@@ -221,9 +221,10 @@ def _processes(count: int) -> Iterator[Any]:
             death_timeout=PATIENCE,
         )
     except (TimeoutError, OSError, RuntimeError) as error:
+        reason = str(error).rstrip(".") or type(error).__name__
         raise RunError(
-            f"The {count} worker processes did not start: {error or type(error).__name__}. Ask for fewer workers, or 0 "
-            "for none."
+            f"The {count} worker processes did not start: {reason}. Usual cause: a script that calls this outside of "
+            "`if __name__ == '__main__':`. Or ask for fewer workers, or 0 for none."
         ) from error
     try:
         yield cluster
