@@ -244,7 +244,7 @@ def test_lanes_with_constants_of_their_own_are_measured(top: System, monkeypatch
     some = kr.simulate(top, start, dt=0.05, steps=2, method="baecklund")
     for name in ("casimir", "energy", "spectrum", "noether"):
         for key in drift.SCALES:
-            largest = drift.lane_scales(every[name], key).max(0)
+            largest = drift.lane_scales(every, name, key).max(0)
             np.testing.assert_allclose(some[name].attrs[key], largest, rtol=1e-12)
 
 

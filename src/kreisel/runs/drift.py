@@ -42,8 +42,7 @@ COLUMNS = ["kind", "conserved", "start", "max_change", "ulps", "slope", "correct
 GROWN = 100  # times the state of the first block
 LOOKED_AT = 16  # lanes at most, in which the width of the walk is measured again
 NUMBERS_AT_ONCE = 1 << 19  # of a variable, in memory
-TOGETHER = 64  # rows
-FEW_ROWS = 1024
+FEW_ROWS, NARROW = 1024, 16  # values in a row
 SCALES = "roundoff_scale", "evaluation_scale"  # attributes
 
 
@@ -100,7 +99,7 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
     run = run if "time" in run.dims else run.expand_dims("time")
     clock, rows = _Clock(run), dict[str, dict[str, Any]]()
     for name in names:
-        scan = _Scan(name, run, run.variables[name], clock, sloping)
+        scan = _Scan(name, run, clock, sloping)
         width, unknown = _widths(run, scan)
         for column, label in enumerate(scan.labels):
             lane = int(_ratio(scan.largest[:, column], width[:, column]).argmax())  # the worst
@@ -202,7 +201,7 @@ def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
     if energy is None or changed or run.variables[energy].attrs.get("conserved"):
         return run
     ((_, row),) = _rows(run, [energy], sloping=False).items()
-    if row["max_change"] > LOOSE * lane_scales(run[energy], "evaluation_scale").max():
+    if row["max_change"] > LOOSE * lane_scales(run, energy, "evaluation_scale").max():
         warnings.warn(
             f"{energy} oscillates by {row['max_change']:.2g} about {row['start']:.4g}: the step is too long for this "
             "motion and order, and the state is off. Use a smaller dt or a higher order; baecklund and splitting "
@@ -256,20 +255,20 @@ class _Clock:
 class _Scan:
     """A variable (time, [lane], [part]) read once, in blocks: arrays (lanes, parts) that describe its change."""
 
-    def __init__(self, name: str, run: xr.Dataset, variable: xr.Variable, clock: _Clock, sloping: bool = True):
+    def __init__(self, name: str, run: xr.Dataset, clock: _Clock, sloping: bool):
+        variable = run.variables[name]
         self.name, self.kind = name, str(variable.attrs["kind"])
         self.conserved = bool(variable.attrs.get("conserved", False))
         family = variable.ndim > 1 + ("lane" in variable.dims)
         self.labels = [f"{self.name}[{column}]" for column in range(variable.shape[-1])] if family else [self.name]
         self.shape = (variable.sizes.get("lane", 1), len(self.labels))
-        lanes = run.variables["lane"].values if "lane" in run.variables else None
-        scales = [scales_of_lanes(name, variable, lanes, key) for key in SCALES]
-        self.step_scale, self.value_scale = (np.array(np.broadcast_to(scale, self.shape)) for scale in scales)
+        scales = (np.broadcast_to(lane_scales(run, name, key), self.shape) for key in SCALES)
+        self.step_scale, self.value_scale = (np.array(scale) for scale in scales)
         self.correction = variable.attrs.get("largest_correction", np.nan)
         self.steps = clock.steps
         self.start, self.largest, total = (np.zeros(self.shape) for _ in range(3))
         for rows in clock.blocks(self.start.size):
-            values = self._rows(variable, rows)
+            values = read_values(variable[rows], name).astype(np.float64).reshape(-1, *self.shape)
             if rows.start == 0:
                 self.start = values[0]
             low, high = _extremes(values)
@@ -277,10 +276,6 @@ class _Scan:
             if sloping:
                 total += np.tensordot(clock.centred(rows), values - self.start, 1)
         self.slope = total / clock.spread if sloping and clock.spread > 0 else total
-
-    def _rows(self, variable: xr.Variable, rows: slice) -> np.ndarray:
-        values = read_values(variable[rows], self.name).astype(np.float64)
-        return values.reshape(len(values), *self.shape)
 
     def width(self) -> np.ndarray:
         """The width of a random walk of rounding errors, in every lane and part."""
@@ -302,11 +297,11 @@ class Series:
 
 def all_series(run: xr.Dataset) -> Iterator[Series]:
     """Every component of every Casimir and integral; conserved quantities first."""
-    clock = _Clock(run)
+    many = run.sizes.get("lane", 1) > 1
+    scanned = run if many else run.isel(time=slice(0, 1))
+    clock = _Clock(scanned)
     for name in _watched(run):
-        variable, many = run.variables[name], run.sizes.get("lane", 1) > 1
-        begun = clock if many else _Clock(run.isel(time=slice(0, 1)))
-        scan = _Scan(name, run, variable if many else variable[:1], begun, False)
+        variable, scan = run.variables[name], _Scan(name, scanned, clock, False)
         for column, label in enumerate(scan.labels):
             lane = int(_ratio(scan.largest[:, column], scan.width()[:, column]).argmax()) if many else 0
             series = variable.isel(lane=lane) if "lane" in variable.dims else variable
@@ -318,40 +313,25 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
 
 def _extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least and the largest along the first axis; NumPy is slow if the other axes are short."""
-    if len(values) < FEW_ROWS:
-        return np.minimum.reduce(values, 0), np.maximum.reduce(values, 0)
-    count, shape = len(values) // TOGETHER * TOGETHER, values.shape[1:]
-    out = []
-    for least in (np.minimum, np.maximum):
-        parts = [values[count:]] if count < len(values) else []
-        if count:
-            wide = values[:count].reshape(count // TOGETHER, -1)
-            parts.append(least.reduce(wide, 0).reshape(TOGETHER, *shape))
-        out.append(least.reduce(np.concatenate(parts), 0))
-    return out[0], out[1]
+    if len(values) > FEW_ROWS and values[0].size < NARROW:
+        values = np.asfortranarray(values)
+    return np.minimum.reduce(values, 0), np.maximum.reduce(values, 0)
 
 
-def lane_scales(variable: xr.DataArray, key: str) -> np.ndarray:
-    """An attribute of scales (lanes or 1, parts), for the lanes that the variable still has.
+def lane_scales(run: xr.Dataset, name: str, key: str) -> np.ndarray:
+    """An attribute of scales (lanes or 1, parts) of a variable, for the lanes that the run still has.
 
     Raises `InputError` if it does not belong to the variable.
     """
-    lanes = variable["lane"].values if "lane" in variable.coords else None
-    return scales_of_lanes(str(variable.name), variable.variable, lanes, key)
-
-
-def scales_of_lanes(name: str, variable: xr.Variable, lanes: Any, key: str) -> np.ndarray:
-    """The scales of `lane_scales` for a variable without coordinates; `lanes`: indices, None for one trajectory."""
+    variable = run.variables[name]
     parts = variable.shape[-1] if variable.ndim > 1 + ("lane" in variable.dims) else 1
     try:
         values = np.atleast_1d(np.asarray(variable.attrs[key], dtype=np.float64)).reshape(-1, parts)
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{name} is damaged: its attribute {key} does not belong to it.") from None
-    if len(values) == 1 or lanes is None:
-        return values.max(0, keepdims=True)
-    lanes = np.atleast_1d(lanes)
+    lanes = np.atleast_1d(run.variables["lane"].values if "lane" in run.variables else 0.5)  # 0.5: none
     fits = lanes.dtype.kind in "iu" and (lanes >= 0).all() and (lanes < len(values)).all()
-    return values[lanes] if fits else values.max(0, keepdims=True)
+    return values[lanes] if fits and len(values) > 1 else values.max(0, keepdims=True)
 
 
 def _ratio(change: Any, width: Any) -> Any:

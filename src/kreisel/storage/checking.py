@@ -236,7 +236,7 @@ def _block_faults(block: xr.Dataset, first: int, record: RunRecord, again: Schem
     state = tuple(algebra.KINDS[kind].from_user(block[k].values, again.n) for k, kind in kinds.items())
     for label, value in again.observe(again.reopen(state)).items():
         if again.outcomes[label].kind in KINDS and label in block:
-            size = lane_scales(block[label], "evaluation_scale")
+            size = lane_scales(block, label, "evaluation_scale")
             scale = size.reshape(np.shape(value)[1:] if len(size) > 1 else (-1,)) + abs(value)
             worst = float((abs(value - block[label].values) / np.maximum(scale, 1e-300)).max())
             if worst > RELATIVE:

@@ -107,7 +107,7 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
     for name, (start, drift) in changes.items():
         if name not in run or not run[name].attrs.get("conserved"):
             continue
-        step, value = (lane_scales(run[name], key)[0] for key in ("roundoff_scale", "evaluation_scale"))
+        step, value = (lane_scales(run, name, key)[0] for key in ("roundoff_scale", "evaluation_scale"))
         width = MACHINE_EPSILON * (step * np.sqrt(steps) + value)
         bad = np.flatnonzero(far(drift, width, step + abs(start), plan.dt * largest))
         out += [f"{name}[{index}]" if len(start) > 1 else name for index in bad]
