@@ -128,20 +128,25 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
-    """Write a file next to its name, then rename it."""
-    scratch = path.with_name(f".new-{secrets.token_hex(8)}")
+@contextlib.contextmanager
+def _renamed(scratch: Path, path: Path) -> Iterator[Path]:
+    """A context in which a scratch file is written; at its end the file is renamed to `path`, or removed."""
     try:
-        with scratch.open("xb") as file:
-            file.write(data)
-            if durable:
-                file.flush()
-                os.fsync(file.fileno())
+        yield scratch
         os.replace(scratch, path)
     except BaseException:
         with contextlib.suppress(OSError):
             scratch.unlink()
         raise
+
+
+def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
+    """Write a file next to its name, then rename it."""
+    with _renamed(path.with_name(f".new-{secrets.token_hex(8)}"), path) as scratch, scratch.open("xb") as file:
+        file.write(data)
+        if durable:
+            file.flush()
+            os.fsync(file.fileno())
 
 
 def require_outside(path: Path) -> None:
@@ -194,19 +199,11 @@ def written(path: Path, overwrite: bool = True) -> Iterator[Path]:
 
     Raises `InputError` if the path exists and must stay, and `RunError` if the disk refuses.
     """
-    scratch: Path | None = None
-    try:
-        with on_disk(path, "be written"):
-            require_file(path, overwrite)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            name = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(8)}{path.suffix}")
-            name.open("x").close()
-            scratch = name
+    with on_disk(path, "be written"):
+        require_file(path, overwrite)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(8)}{path.suffix}")
+        scratch.open("x").close()
+        with _renamed(scratch, path):
             yield scratch
             require_file(path, overwrite)
-            os.replace(scratch, path)
-            scratch = None
-    finally:
-        if scratch is not None:
-            with contextlib.suppress(OSError):
-                scratch.unlink()
