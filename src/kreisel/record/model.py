@@ -237,29 +237,22 @@ class Model:
         return model
 
     def _dimension(self) -> int:
+        name, kinds = self.system.name, {p.letter: p.kind for p in self.system.parameters}
+        sizes = {k: v.shape[-1] for k, v in self.params.items() if kinds[k] in ("vector", "symmetric")}
         if self.system.n is not None:
-            for p in self.system.parameters:
-                shape = self.params[p.letter].shape
-                if p.kind in ("vector", "symmetric") and shape[-1] != self.system.n:
-                    raise InputError(
-                        f"{self.system.name}'s parameter {p.letter}: expected n = {self.system.n}, got {shape}."
-                    )
+            if wrong := [letter for letter, size in sizes.items() if size != self.system.n]:
+                shape = self.params[wrong[0]].shape
+                raise InputError(f"{name}'s parameter {wrong[0]}: expected n = {self.system.n}, got {shape}.")
             return self.system.n
-        stated = [p.letter for p in self.system.parameters if p.kind == "dimension"]
-        if stated:
-            return whole_dimension(self.params[stated[0]], stated[0], self.system.name)
-        sizes = {
-            p.letter: self.params[p.letter].shape[-1]
-            for p in self.system.parameters
-            if p.kind in ("vector", "symmetric")
-        }
+        if stated := [letter for letter, kind in kinds.items() if kind == "dimension"]:
+            return whole_dimension(self.params[stated[0]], stated[0], name)
         if len(set(sizes.values())) != 1:
             listed = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
-            raise InputError(f"All parameters of {self.system.name} live in the same R^n, but {listed}.")
+            raise InputError(f"All parameters of {name} live in the same R^n, but {listed}.")
         letter, n = next(iter(sizes.items()))
         if n < 3:
             raise InputError(
-                f"{self.system.name} needs n >= 3, but {letter} has length {n}. "
+                f"{name} needs n >= 3, but {letter} has length {n}. "
                 "A body in the plane has no gyroscopic motion; embed it with n = 3."
             )
         return n

@@ -249,10 +249,10 @@ def _reader(kind: str, n: int) -> Reader:
     if kind == "quaternion":
         return _quaternion
     width = algebra.KINDS[kind].count(n)
-    if kind == "skew":
-        return _axial if n == 3 else lambda value: _skew(value, n)
-    if kind == "symmetric":
-        return lambda value: _symmetric(value, n)
+    if kind == "skew" and n == 3:
+        return _axial
+    if kind in ("skew", "symmetric"):
+        return lambda value: _square(value, n, kind)
     return lambda value: None if kind == "matrix" else _vector(value, width)
 
 
@@ -273,21 +273,13 @@ def _axial(value: Any) -> Sequence[float] | None:
     return [-(yz / 2 - zy / 2), xz / 2 - zx / 2, -(xy / 2 - yx / 2)]  # with the signs of its zeros
 
 
-def _skew(value: Any, n: int) -> Sequence[float] | None:
+def _square(value: Any, n: int, kind: str) -> Sequence[float] | None:
     if not (type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (n, n)):
         return None
-    if (value + value.T).any():
+    mirrored = -value.T if kind == "skew" else value.T
+    if (value - mirrored).any():
         return None
-    numbers: list[float] = algebra.coordinates(value / 2 - value.T / 2).tolist()
-    return numbers
-
-
-def _symmetric(value: Any, n: int) -> Sequence[float] | None:
-    if not (type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (n, n)):
-        return None
-    if (value - value.T).any():
-        return None
-    numbers: list[float] = algebra.KINDS["symmetric"].pack(value).tolist()
+    numbers: list[float] = algebra.KINDS[kind].pack(value / 2 + mirrored / 2).tolist()
     return numbers
 
 
