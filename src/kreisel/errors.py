@@ -112,12 +112,12 @@ class InputWarning(UserWarning):
     """Input that is possible but seldom meant: degrees for radians, km for m."""
 
 
-def doubt(sentence: str) -> None:
-    """Warns with `InputWarning` at the line that called Kreisel."""
+def doubt(sentence: str, kind: type[Warning] = InputWarning) -> None:
+    """Warns at the line that called Kreisel."""
     frame, level = sys._getframe(), 1
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "kreisel":
         frame, level = frame.f_back, level + 1
-    warnings.warn(sentence, InputWarning, stacklevel=level)
+    warnings.warn(sentence, kind, stacklevel=level)
 
 
 class Stopped(RunError):

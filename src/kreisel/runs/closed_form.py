@@ -25,7 +25,7 @@ from kreisel.runs.describing import in_memory
 from kreisel.runs.in_si import scaled, state_of, times_of
 from kreisel.runs.orbits import presented
 from kreisel.runs.plan import Plan, initial_parts, is_finite, planned
-from kreisel.runs.planning import begun_again, idle_plans
+from kreisel.runs.planning import idle_or_new
 from kreisel.runs.settings import (
     Settings,
     check_model,
@@ -89,8 +89,7 @@ def at(
     from kreisel.kernels.exact.engine import ClosedForm
 
     asked: dict[str, Any] = {"method": method, "dt": step, "order": order, "observe": observe}
-    idle = idle_plans(model, orientation is not None, asked)
-    plan = begun_again(idle, model, x0, orientation) or _plan_of_times(model, x0, orientation, **asked)
+    plan, idle = idle_or_new(_plan_of_times, model, x0, orientation, asked)
     plan.engine = ClosedForm(plan.scheme, plan.first, step, float(abs(flat).max()))
     with np.errstate(all="ignore"):
         states = plan.observe(plan.engine.at(flat))

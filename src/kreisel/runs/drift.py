@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -13,7 +12,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
-from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, explained
+from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, doubt, explained
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.method import scheme
@@ -194,7 +193,7 @@ def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
         conserved = [name for name in _watched(run) if run.variables[name].attrs.get("conserved")]
         rows = _rows(run, conserved, sloping=False)
         if sentences := [_sentence(name, row) for name, row in rows.items() if row["broken"]]:
-            warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=4)
+            doubt(" ".join(sentences), ConservationWarning)
     kept = ["balance"] if "work" in run.variables else ["total_energy", "energy"]
     energy = next((name for name in kept if name in run.variables), None)
     changed = run.attrs.get("impulses") or run.attrs.get("events")
@@ -202,12 +201,11 @@ def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
         return run
     ((_, row),) = _rows(run, [energy], sloping=False).items()
     if row["max_change"] > LOOSE * lane_scales(run, energy, "evaluation_scale").max():
-        warnings.warn(
+        doubt(
             f"{energy} oscillates by {row['max_change']:.2g} about {row['start']:.4g}: the step is too long for this "
             "motion and order, and the state is off. Use a smaller dt or a higher order; baecklund and splitting "
             "choose both for order='auto' with tol=....",
             AccuracyWarning,
-            stacklevel=4,
         )
     return run
 

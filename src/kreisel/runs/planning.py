@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -59,7 +58,7 @@ def make_plan(
     return broken_by(plan, events) if events else plan
 
 
-def idle_plans(model: Any, oriented: bool, asked: Mapping[str, Any]) -> deque[Plan]:
+def _idle_plans(model: Any, oriented: bool, asked: Mapping[str, Any]) -> deque[Plan]:
     """Plans of earlier runs in memory, which a run with these settings may begin again; new and empty if none may."""
     values = [v for value in asked.values() for v in (value if type(value) in LISTS else (value,))]
     plain = all(type(v) in PLAIN and (type(v) is not int or v.bit_length() < 64) for v in values)
@@ -68,23 +67,17 @@ def idle_plans(model: Any, oriented: bool, asked: Mapping[str, Any]) -> deque[Pl
     return reused((Plan, model.key, oriented, repr(asked)), lambda: deque[Plan](maxlen=IDLE))
 
 
-def begun_again(idle: deque[Plan], model: Model, x0: StateLike, orientation: OrientationLike | None) -> Plan | None:
-    """An idle plan at this start, or None."""
+def idle_or_new(
+    new: Callable[..., Plan], model: Model, x0: StateLike, orientation: Any, asked: Mapping[str, Any], kept: bool = True
+) -> tuple[Plan, deque[Plan]]:
+    """A plan with these settings, idle or new, and the idle ones, if plans are kept, to which it may be added later."""
+    idle = _idle_plans(model, orientation is not None, asked) if kept else deque[Plan]()
     try:
         plan = idle.pop()
     except IndexError:
-        return None
-    state = checked_state(model, x0, plan.settings.t_start)
-    return plan if plan.begin(model, initial_parts(model, state, orientation)) else None
-
-
-def idle_or_new(
-    model: Model, x0: StateLike, orientation: Any, events: tuple[Event, ...], asked: Mapping[str, Any], in_memory: bool
-) -> tuple[Plan, deque[Plan]]:
-    """The plan of a run, and the idle plans with its settings, to which it may be added afterwards."""
-    idle = idle_plans(model, orientation is not None, asked) if in_memory and not events else deque[Plan]()
-    plan = begun_again(idle, model, x0, orientation)
-    return plan or make_plan(model, x0, orientation=orientation, events=events, **asked), idle
+        return new(model, x0, orientation=orientation, **asked), idle
+    parts = initial_parts(model, checked_state(model, x0, plan.settings.t_start), orientation)
+    return plan if plan.begin(model, parts) else new(model, x0, orientation=orientation, **asked), idle
 
 
 def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None) -> Plan:
@@ -122,7 +115,7 @@ def _chosen(model: Model, state: State, settings: Settings, orientation: Orienta
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
     from kreisel.method.auto import USUAL_TOLERANCE
 
-    (choice,) = choice_of(model, state, settings, orientation, every_lane=False)
+    (choice,) = choices(model, state, settings, orientation, every_lane=False)
     plan = plan_of(model, state, with_choice(choice, settings), orientation)
     chosen = {"tol": settings.tol or USUAL_TOLERANCE, "expected_error": choice.expected}
     return replace(plan, scheme=replace(plan.scheme, options={**plan.scheme.options, **chosen}))
@@ -141,23 +134,20 @@ MISSED = (
 
 
 def choices(
-    model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None
+    model: Model,
+    x0: StateLike,
+    settings: Settings,
+    orientation: OrientationLike | None = None,
+    every_lane: bool = True,
 ) -> list[Choice]:
-    """order="auto" for each lane of an ensemble separately.  Raises `InputError`."""
-    return choice_of(model, checked_state(model, x0), settings, orientation, every_lane=True)
-
-
-def choice_of(
-    model: Model, state: State, settings: Settings, orientation: OrientationLike | None, every_lane: bool
-) -> list[Choice]:
-    """The choice of order="auto" from a checked state; without `every_lane`, one choice for all lanes.
+    """The choice of order="auto" for each lane separately; without `every_lane`, one choice for all lanes.
 
     Raises `InputError`, and warns with `AccuracyWarning` if the motion looks chaotic.
     """
     from kreisel.method import auto
 
-    method, parts = settings.method or default(model, settings), initial_parts(model, state, None)
-    when = settings.every * settings.dt, settings.time, settings.tol
+    method, state = settings.method or default(model, settings), checked_state(model, x0)
+    parts = initial_parts(model, state, None)
     if method not in ("baecklund", "splitting"):
         raise InputError(
             "order='auto' chooses among the orders of method='baecklund' or 'splitting', which this run does not use."
@@ -175,59 +165,55 @@ def choice_of(
                 f"order='auto': expected a system whose maps have no constants to solve for, got {model.system.name}. "
                 "Use method='exact', the flow itself, or an order from 2 to 24."
             )
-        return auto.choose(model, parts, *when, every_lane)
+        return auto.choose(model, parts, settings.every * settings.dt, settings.time, settings.tol, every_lane)
     _, lanes = with_lanes(model, parts, (1,))
-    if not every_lane or len(lanes[0]) == 1:
-        steps, rate = pilot(model, state, settings, orientation), auto.rate_of(model, parts)
-        corners = record is not None and record.has_corners(model.constants)
-        usual = settings.tol is None and record is not None and record.environment is not None
-        if corners or usual:
-            tol = auto.USUAL_TOLERANCE if usual else auto.checked_tolerance(settings.tol)
-            choice, reached = auto.halved(steps, rate, *when[:2], tol, 2 if corners else 4, len(lanes[0]), not usual)
-            if not reached:
-                said = MISSED.format(tol=tol, expected=choice.expected)
-                warnings.warn(said, AccuracyWarning, stacklevel=8)
-            return [choice]
+    if every_lane and len(lanes[0]) > 1:
+        out = []
+        for i in range(len(lanes[0])):
+            start = {letter: z[i : i + 1] for letter, z in zip(model.system.space.letters, lanes, strict=True)}
+            g = None if orientation is None else initial_orientation(orientation, model)
+            g = g if g is None or g.ndim == (1 if model.n == 3 else 2) else g[i]
+            out += choices(model.lanes(np.array([i])), model.state(**start), settings, g, every_lane=False)
+        return out
+    return [_of_splitting(model, initial_parts(model, state, orientation), settings, len(lanes[0]))]
+
+
+def _of_splitting(model: Model, parts: tuple[Array, ...], settings: Settings, lanes: int) -> Choice:
+    """One order and step of splittings for all lanes, by pilots from the components of their start."""
+    from kreisel.method import auto
+
+    record, when = model.system.perturbation, (settings.every * settings.dt, settings.time, settings.tol)
+    rate, tol = auto.rate_of(model, parts[: len(model.system.space.letters)]), settings.tol
+    corners = record is not None and record.has_corners(model.constants)
+    usual = tol is None and record is not None and record.environment is not None
+    steps = _pilot(model, parts, settings)
+    if corners or usual:
+        tol = auto.USUAL_TOLERANCE if usual else auto.checked_tolerance(tol)
+        choice, reached = auto.halved(steps, rate, *when[:2], tol, 2 if corners else 4, lanes, not usual)
+        fault = "" if reached else MISSED
+    else:
         choice = auto.choose_splitting(steps, rate, *when)
         choice = auto.witnessed(steps, choice, rate, *when)
-        beside = pilot(model, state, settings, orientation, auto.NUDGE)
+        beside = _pilot(model, (parts[0] * (1 + auto.NUDGE), *parts[1:]), settings)
         chaotic = auto.separates(steps, beside, choice, rate, *when[:2])
         if chaotic and auto.within_reach(rate, settings.time):
             choice, chaotic = auto.witnessed(steps, choice, rate, *when, chaotic=True), False
-        if chaotic:
-            warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=8)
-        elif choice.expected > (settings.tol or 0):
-            said = MISSED.format(tol=settings.tol, expected=choice.expected)
-            warnings.warn(said, AccuracyWarning, stacklevel=8)
-        return [choice]
-    out = []
-    for i in range(len(lanes[0])):
-        start = {letter: z[i : i + 1] for letter, z in zip(model.system.space.letters, lanes, strict=True)}
-        g = None if orientation is None else initial_orientation(orientation, model)
-        g = g if g is None or g.ndim == (1 if model.n == 3 else 2) else g[i]
-        out += choice_of(model.lanes(np.array([i])), model.state(**start), settings, g, every_lane=False)
-    return out
+        fault = CHAOTIC if chaotic else MISSED if choice.expected > (tol or 0) else ""
+    if fault:
+        doubt(fault.format(tol=tol, expected=choice.expected), AccuracyWarning)
+    return choice
 
 
-def pilot(
-    model: Model,
-    state: State,
-    settings: Settings,
-    orientation: OrientationLike | None,
-    nudge: float = 0.0,
-) -> Callable[..., Pilot | None]:
-    """Steps of splittings from the start, or from a neighbouring state: (order, h, count) -> `Pilot`.
+def _pilot(model: Model, parts: tuple[Array, ...], settings: Settings) -> Callable[..., Pilot | None]:
+    """Steps of splittings from the components of a start: (order, h, count) -> `Pilot`.
 
     They are projected as the run is, so that they and the run have one kernel.
     """
     from kreisel.method.auto import Pilot
 
-    momentum, *carried = initial_parts(model, state, orientation)
-    parts = (momentum * (1 + nudge), *carried)
-
     def steps(order: Any, h: float, count: int) -> Pilot | None:
         try:
-            chosen = scheme(model, "splitting", h, order, orientation is not None)
+            chosen = scheme(model, "splitting", h, order, len(parts) > len(model.system.space.letters))
         except InputError:  # an order that a force does not have
             return None
         asked = settings.but(dt=h, steps=count, every=count, order=order, tol=None, engine=None, times=None)
@@ -298,7 +284,7 @@ def warn_of(plan: Plan) -> None:
             "solved all the same."
         )
     for sentence in sentences:
-        warnings.warn(sentence, AccuracyWarning, stacklevel=4)
+        doubt(sentence, AccuracyWarning)
     if plan.model.system.checks.doubts is not None:
         for sentence in call(plan.model.system.checks.doubts, (), plan.model.params):
             doubt(sentence)
@@ -386,9 +372,8 @@ def cause_of_no_numbers(plan: Plan, step: int) -> str:
 
 def _steps(plan: Plan) -> Callable[[float, int], tuple[Array, ...] | None]:
     """(h, count) -> the components after some steps of the length h from the start; None if they are not finite."""
-    space = plan.model.system.space
-    state = State({letter: plan.start[letter] for letter in space.letters}, dict(space.components))
-    run = pilot(plan.model, state, plan.settings, plan.start.get(ORIENTATION))
+    letters = (*plan.model.system.space.letters, ORIENTATION)
+    run = _pilot(plan.model, tuple(plan.start[k] for k in letters if k in plan.start), plan.settings)
 
     def steps(h: float, count: int) -> tuple[Array, ...] | None:
         with np.errstate(all="ignore"):

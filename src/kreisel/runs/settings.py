@@ -59,15 +59,13 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         dt, method = positive_number(wanted.get("dt"), "dt"), named(wanted.get("method"), "method")
         steps, every = (within(wanted.get(name), name) for name in ("steps", "every"))
         flag(wanted["project"], "project")
-        order, tol = _checked_order(wanted.get("order")), wanted.get("tol")
+        order, tol = whole_order(wanted.get("order"), auto=True), wanted.get("tol")
         if not math.isfinite(dt * steps):
             raise InputError(f"{steps:,} steps of {dt:g} are out of reach: a finite time was expected.")
         if every > steps:
             raise InputError(
                 f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps."
             )
-        if order != "auto":
-            whole_order(order)
         if tol is not None and order != "auto" and method != "dop853":
             raise InputError(
                 "tol goes with order='auto', which chooses order and step for it, or with method='dop853', got "
@@ -146,13 +144,8 @@ def _checked_start(asked: Mapping[str, Any]) -> float:
 def in_order(times: Any) -> tuple[float, ...]:
     """Times of rows.  Raises `InputError` if they do not increase from 0 on."""
     result = algebra.floats(times)
-    if (
-        result.ndim != 1
-        or not result.size
-        or not np.isfinite(result).all()
-        or result[0] < 0
-        or (np.diff(result) <= 0).any()
-    ):
+    increasing = result.ndim == 1 and result.size and result[0] >= 0 and (np.diff(result) > 0).all()
+    if not increasing or result[-1] == np.inf:
         raise InputError(f"times: expected a list of times from 0 on, each after the one before, got {shown(times)}.")
     if result[-1] == 0:
         raise InputError("times: expected a time after 0, got only 0.")
@@ -304,10 +297,15 @@ def named(value: Any, label: str) -> str | None:
     return value
 
 
-def _checked_order(value: Any) -> Any:
-    """An order, a tuple of orders, "auto", or None for the default; integers of NumPy too.  Raises `InputError`."""
-    if value is None or isinstance(value, str):
+def whole_order(value: Any, auto: bool = False) -> Any:
+    """An order, a tuple of orders, or None for the default; integers of NumPy too; "auto" if allowed.
+
+    Raises `InputError`.
+    """
+    if value is None or (auto and isinstance(value, str) and value == "auto"):
         return value
+    if isinstance(value, str):
+        raise InputError(f"order must be an integer, or 'auto' with method='baecklund', got {shown(value)}.")
     orders = [as_integer(v) for v in value] if isinstance(value, tuple | list) else [as_integer(value)]
     if not orders or not all(type(order) is int for order in orders):
         raise InputError(
@@ -315,14 +313,6 @@ def _checked_order(value: Any) -> Any:
             f"{shown(value)}."
         )
     return tuple(orders) if isinstance(value, tuple | list) else orders[0]
-
-
-def whole_order(value: Any) -> Any:
-    """An order, as `_checked_order`, without "auto".  Raises `InputError`."""
-    order = _checked_order(value)
-    if isinstance(order, str):
-        raise InputError(f"order must be an integer, or 'auto' with method='baecklund', got {shown(order)}.")
-    return order
 
 
 def as_integer(value: Any) -> Any:

@@ -18,7 +18,7 @@ from kreisel.runs.in_si import scaled, scaled_events, steps_in, unit_of_times
 from kreisel.runs.integration import Integration
 from kreisel.runs.orbits import presented
 from kreisel.runs.plan import Plan
-from kreisel.runs.planning import idle_or_new, warn_of, warn_of_arrays
+from kreisel.runs.planning import idle_or_new, make_plan, warn_of, warn_of_arrays
 from kreisel.runs.progress import Progress, bytes_of, require_room
 from kreisel.runs.settings import Event, checked_events, flag, within
 
@@ -89,7 +89,8 @@ def simulate(
     asked |= {"steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses, "t_start": t_start}
     model, x0, orientation, asked, events = scaled(system, x0, orientation, asked, events)
     with unit_of_times(model):
-        plan, idle = idle_or_new(model, x0, orientation, checked_events(events), asked, path is None)
+        asked |= {"events": checked_events(events)}  # no plan with events is kept
+        plan, idle = idle_or_new(make_plan, model, x0, orientation, asked, kept=path is None)
         warn_of(plan)
         result = _in_memory(plan, progress, idle) if path is None else _on_disk(plan, path, overwrite, progress)
     return presented(watched(result, loaded=path is None), plan.model)
