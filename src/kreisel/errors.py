@@ -255,27 +255,19 @@ def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[st
     write = f"Write {title}({_written_call(names, first, needed, filled, named)})."
     most = f"at most {_arguments(len(names))}, {', '.join(names)}" if names else "no arguments"
     by_position = f"expected {_arguments(len(first))} by position and the others by name"
-    faults = (
-        *(
-            f" has no argument {shown(name)}.{hint(name, names)} Its arguments are: {', '.join(names) or 'none'}."
-            + (f" {maker.__name__}(..., {name}=...) has it." if name in of_maker else _on_files(call, named.values()))
-            for name in named
-            if name not in names and not any_name
-        ),
-        *(
-            f": expected {name} once, got it by position, {shown(filled[name])}, and by name."
-            for name in first[: len(values)]
-            if name in named
-        ),
-        *([f": expected {most}, got {len(values)}."] if len(values) > len(names) else []),
-        *(
-            [f": {by_position}, got {len(values)} by position.{_on_files(call, values) or ' ' + write}"]
-            if len(values) > len(first)
-            else []
-        ),
-        f": expected {missing}, got none. {write}",
-    )
-    return title + faults[0]
+    unknown = [name for name in named if name not in names and not any_name]
+    twice = [name for name in first[: len(values)] if name in named]
+    if unknown:
+        name, listed = unknown[0], ", ".join(names) or "none"
+        way = f" {maker.__name__}(..., {name}=...) has it." if name in of_maker else _on_files(call, named.values())
+        return f"{title} has no argument {shown(name)}.{hint(name, names)} Its arguments are: {listed}.{way}"
+    if twice:
+        return f"{title}: expected {twice[0]} once, got it by position, {shown(filled[twice[0]])}, and by name."
+    if len(values) > len(names):
+        return f"{title}: expected {most}, got {len(values)}."
+    if len(values) > len(first):
+        return f"{title}: {by_position}, got {len(values)} by position.{_on_files(call, values) or ' ' + write}"
+    return f"{title}: expected {missing}, got none. {write}"
 
 
 def _on_files(call: Callable[..., Any], values: Iterable[Any]) -> str:
