@@ -20,7 +20,7 @@ from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs import geometry
 from kreisel.runs.geometry import attitude_of, components, fixed_vector, model_for, orientation_of, velocity_of
-from kreisel.runs.in_si import in_state_form, is_in_si, unit_of
+from kreisel.runs.in_si import frame_in_si, in_state_form, is_in_si
 from kreisel.runs.orbits import FRAMES, angles_of, pointing_error
 from kreisel.runs.run_record import RunRecord, a_run, frame_of
 
@@ -162,7 +162,7 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
 
     Raises `InputError` for ensembles, for fewer than two nutations, for rows too far apart, and for other systems.
     """
-    unit, run = unit_of(a_run(run), "time"), in_state_form(a_run(run, "system"))
+    unit, run = frame_in_si(a_run(run)).time_unit, in_state_form(a_run(run, "system"))
     if "lane" in run.dims:
         raise InputError("mean_rates needs one trajectory: choose a lane, run.isel(lane=0).")
     model = model_for(run, system)

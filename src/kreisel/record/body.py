@@ -97,10 +97,7 @@ class Body:
         letters = (*model.system.space.letters, "g")
         return model.of_body(
             replace(
-                frame,
-                names={k: v for k, v in self.words.items() if k in letters},
-                title=self.title,
-                shape=self._shape,
+                frame, names={k: v for k, v in self.words.items() if k in letters}, title=self.title, shape=self._shape
             )
         )
 

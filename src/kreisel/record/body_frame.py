@@ -62,9 +62,7 @@ class BodyFrame:
             names = {str(k): str(name) for k, name in table.get("names", {}).items()}
             good = axes.shape[-2:] == (3, 3) and abs(axes.mT @ axes - np.eye(3)).max() < ORTHOGONAL
             good = good and bool((np.linalg.det(axes) > 0).all()) and "along" in table
-            good = good and all(
-                np.all((np.asarray(size) > 0) & (np.asarray(size) < np.inf)) for _, size in units.values()
-            )
+            good = good and all(np.all((np.array(s) > 0) & (np.array(s) < np.inf)) for _, s in units.values())
         except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
             good = False
         if not good:
@@ -90,10 +88,12 @@ class BodyFrame:
         """The frame of some lanes."""
         if not self.differs:
             return self
-        sizes = {k: size[ids] if np.ndim(size) else size for k, (_, size) in self.units.items()}
-        units = {
-            k: (unit, sizes[k] if np.ndim(ids) else float(np.max(sizes[k]))) for k, (unit, _) in self.units.items()
-        }
+
+        def of(size: Any) -> Any:
+            size = size[ids] if np.ndim(size) else size
+            return size if np.ndim(ids) else float(np.max(size))
+
+        units = {k: (unit, of(size)) for k, (unit, size) in self.units.items()}
         return replace(self, axes=self.axes[ids] if self.axes.ndim > 2 else self.axes, units=units)
 
     def is_like(self, frame: BodyFrame, names: Iterable[str] | None = None) -> bool:

@@ -590,11 +590,5 @@ class System:
     @property
     def __signature__(self) -> inspect.Signature:
         keyword = inspect.Parameter.KEYWORD_ONLY
-        return inspect.Signature(
-            [
-                inspect.Parameter(
-                    p.letter, keyword, default=inspect.Parameter.empty if p.default is None else p.default
-                )
-                for p in self.parameters
-            ]
-        )
+        defaults = {p.letter: inspect.Parameter.empty if p.default is None else p.default for p in self.parameters}
+        return inspect.Signature([inspect.Parameter(k, keyword, default=default) for k, default in defaults.items()])

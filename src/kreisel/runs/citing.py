@@ -56,10 +56,8 @@ def cite(what: xr.Dataset | Model | System) -> str:
         record = RunRecord.from_attrs(attrs)
         references, version = record.references, record.source.removeprefix("kreisel ")
         method, order = record.method, record.order
-    entries, sources = (
-        bibliography(),
-        dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", references)),
-    )
+    entries = bibliography()
+    sources = dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", references))
     named = {f"{name.split()[0].strip(',').lower()}{year}": f"{name} {year}" for name, year in sources}
     cited = METHODS[method].cited(order) if method in METHODS else ()
     keys = dict.fromkeys([*(key for key in named if key in entries), *cited])

@@ -230,12 +230,8 @@ def _precession(ctx: Any, integrals: Integrals) -> MpNumber:
     if integrals.P2 == 0 or integrals.separatrix:
         return ctx.nan
     vertical = integrals.c**2 * integrals.A == integrals.J**2 * integrals.P2  # the orbit reaches +p, -p, or both
-    signs = [
-        sign
-        for sign in (1, -1)
-        if not vertical
-        or integrals.c * sign != abs(integrals.c) * (1 if integrals.J > 0 else -1 if integrals.J < 0 else 0)
-    ]
+    pole = abs(integrals.c) * ((integrals.J > 0) - (integrals.J < 0))
+    signs = [sign for sign in (1, -1) if not vertical or integrals.c * sign != pole]
     digits = ctx.dps
     while True:
         x1, x2, x3 = Nutation(ctx, integrals).x

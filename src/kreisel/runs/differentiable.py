@@ -365,15 +365,7 @@ def attitude_near(by: Any, model: Model, x: Any, g: Any) -> Any:
 
 
 def _rows(
-    by: Any,
-    model: Model,
-    step: Step,
-    start: Parts,
-    dt: Any,
-    time: Any,
-    rows: int,
-    every: int,
-    parameters: Known,
+    by: Any, model: Model, step: Step, start: Parts, dt: Any, time: Any, rows: int, every: int, parameters: Known
 ) -> dict[str, Array]:
     space, constants = model.system.space, constants_of(by, model, parameters)
     state = start[: len(space.letters)]

@@ -19,7 +19,7 @@ from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import KINDS
 from kreisel.runs.geometry import require_unchanged
-from kreisel.runs.in_si import in_state_form, unit_of
+from kreisel.runs.in_si import frame_in_si, in_state_form
 from kreisel.runs.plan import Plan
 from kreisel.runs.run_record import RunRecord, a_run
 from kreisel.runs.settings import Settings
@@ -134,7 +134,7 @@ def _widths(run: xr.Dataset, scan: _Scan) -> tuple[np.ndarray, set[int]]:
     if not scan.conserved or not lanes.size:
         return width, set()
     lanes = lanes[np.argsort(-ratios.max(1)[lanes])][:LOOKED_AT]
-    unit, run = unit_of(run, scan.name), in_state_form(run)
+    unit, run = frame_in_si(run).size(scan.name), in_state_form(run)
     scales = whole_run(run, scan.name, lanes)
     if scales is not None:
         for mine, new in zip((scan.step_scale, scan.value_scale), scales, strict=True):

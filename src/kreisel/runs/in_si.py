@@ -29,7 +29,7 @@ from kreisel.record.model import Model, State
 from kreisel.record.perturbation import FIELDS
 from kreisel.record.quantities import Scale
 from kreisel.runs.run_record import CLOCKS, FORM, SI, RunRecord, frame_of, lanes_of
-from kreisel.runs.settings import Event, NamedComponents, initial_orientation
+from kreisel.runs.settings import Event, NamedComponents, checked_events, initial_orientation
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -91,11 +91,6 @@ def in_cf(model: Model, name: str) -> dict[str, Any]:
     if np.ndim(size):
         return {}  # CF knows one factor
     return {"units": unit} | ({} if size == 1 else {"scale_factor": size})
-
-
-def unit_of(run: xr.Dataset, letter: str) -> Any:
-    """The unit of the state in which a run in SI was computed, for a variable, in SI; 1 for other runs."""
-    return frame_in_si(run).size(letter)
 
 
 def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
@@ -434,11 +429,8 @@ def _impulse(frame: BodyFrame, impulse: Any) -> Any:
     )
 
 
-def scaled_events(frame: BodyFrame, events: Any) -> Any:
+def scaled_events(frame: BodyFrame, events: Any) -> list[Event]:
     """Events whose functions receive and return a state in SI, by names in words, for a run in units of the state."""
-    several = [events] if isinstance(events, Event) else events
-    if not isinstance(several, Sequence) or not all(isinstance(event, Event) for event in several):
-        return events
 
     def of_state(function: Any, event: Event | None = None) -> Any:
         @wraps(function)
@@ -448,7 +440,7 @@ def scaled_events(frame: BodyFrame, events: Any) -> Any:
 
         return in_words
 
-    return [Event(of_state(e.quantity), e.action and of_state(e.action, e), e.rising) for e in several]
+    return [Event(of_state(e.quantity), e.action and of_state(e.action, e), e.rising) for e in checked_events(events)]
 
 
 def letters_of(model: Model, names: Any) -> Any:

@@ -51,10 +51,7 @@ class Snapshot:
 
 def block_rows(plan: Plan) -> int:
     """Rows held at once, and rows in a shard of an archive."""
-    numbers = max(
-        plan.first.size,
-        plan.lanes * algebra.coordinate_count(plan.model.system.space.kinds, plan.model.n),
-    )
+    numbers = max(plan.first.size, plan.lanes * algebra.coordinate_count(plan.model.system.space.kinds, plan.model.n))
     rows = int(max(1, min(plan.rows, BLOCK_BYTES // (8 * numbers))))
     return rows if rows < SHARDED else rows + -rows % CHUNKS
 

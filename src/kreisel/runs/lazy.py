@@ -46,16 +46,13 @@ def lazy(
     sources: Sequence[xr.Variable],
     function: Callable[..., Array],
     attrs: dict[str, Any] | None = None,
-    lead: int | None = None,
     by_lane: bool = False,
 ) -> xr.Variable:
     """A variable whose rows are `function` of the rows of `sources`, when they are read.
 
-    lead      the number of axes of rows; default: the axes of time, lane and event
-    by_lane   whether the function differs from lane to lane: then it receives all of them
+    The axes of rows are time, lane and event; `by_lane`: the function differs from lane to lane, and receives all.
     """
     import xarray as xr
 
-    lead = sum(d in LEAD for d in dims) if lead is None else lead
-    lead = dims.index("lane") if by_lane and "lane" in dims else lead
+    lead = dims.index("lane") if by_lane and "lane" in dims else sum(d in LEAD for d in dims)
     return xr.Variable(dims, indexing.LazilyIndexedArray(_Computed(shape, lead, sources, function)), attrs)

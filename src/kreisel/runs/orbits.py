@@ -271,8 +271,8 @@ def _of_satellite(run: xr.Dataset) -> dict[str, xr.Variable]:
 
     for name, value in environment_of(rows(np.asarray(time[:1].values))).data_vars.items():
         shape = len(time), *value.shape[1:]
-        out[str(name)] = lazy(value.dims, shape, [time], partial(around, str(name)), dict(value.attrs), 1)
+        out[str(name)] = lazy(value.dims, shape, [time], partial(around, str(name)), dict(value.attrs), True)
     for name, meaning in ANGLES.items():
         units = {"units": "rad", "long_name": meaning}
-        out[name] = lazy(g.dims[:-1], g.shape[:-1], [g, time], partial(angle, name), units, 1)
+        out[name] = lazy(g.dims[:-1], g.shape[:-1], [g, time], partial(angle, name), units, True)
     return out

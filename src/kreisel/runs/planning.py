@@ -134,11 +134,7 @@ MISSED = (
 
 
 def choices(
-    model: Model,
-    x0: StateLike,
-    settings: Settings,
-    orientation: OrientationLike | None = None,
-    every_lane: bool = True,
+    model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None, every_lane: bool = True
 ) -> list[Choice]:
     """The choice of order="auto" for each lane separately; without `every_lane`, one choice for all lanes.
 

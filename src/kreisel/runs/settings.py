@@ -154,15 +154,13 @@ def in_order(times: Any) -> tuple[float, ...]:
 
 def _checked_impulses(impulses: Any, end: float) -> tuple[dict[str, Any], ...]:
     """The impulses, each with its time, up to the end, and values for letters, as lists.  Raises `InputError`."""
-    several = [impulses] if isinstance(impulses, Mapping) else impulses
-    if isinstance(several, str | bytes) or not isinstance(several, Sequence):
-        several = [None]
+    listed = isinstance(impulses, Sequence) and not isinstance(impulses, str | bytes)
     out = []
-    for impulse in several:
+    for impulse in impulses if listed else [impulses]:
         if not isinstance(impulse, Mapping) or "time" not in impulse or not all(isinstance(k, str) for k in impulse):
             raise InputError(
                 f"impulses: expected a dict such as {{'time': 2.0, 'm': (0, 0, 0.1)}}, or a list of them, got "
-                f"{shown(impulse if impulse is not None else impulses)}."
+                f"{shown(impulse)}."
             )
         numbers = {}
         for letter, value in impulse.items():

@@ -36,7 +36,7 @@ from kreisel.record.perturbation import pairs_of
 from kreisel.runs import geometry, orbits
 from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import attitude_of, continued, fixed_vector, model_for, require_unchanged
-from kreisel.runs.in_si import in_state_form, unit_of
+from kreisel.runs.in_si import frame_in_si, in_state_form
 from kreisel.runs.orbits import Surroundings, of_satellite, surroundings
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.runs.settings import within
@@ -456,7 +456,7 @@ def _drift_series(run: xr.Dataset) -> dict[str, Any]:
     Of a run in SI the values are in SI, the times in the unit of the state, as everywhere else on the page.
     """
     edges = stretches(run.sizes["time"], MOST_STRETCHES)
-    time = np.asarray(run["time"].values, dtype=np.float64) / unit_of(run, "time")
+    time = np.asarray(run["time"].values, dtype=np.float64) / frame_in_si(run).time_unit
     series = []
     units = {str(k): u for k, v in run.variables.items() if (u := v.attrs.get("units", "1")) != "1"}
     for quantity in itertools.islice(all_series(run), MOST_SERIES):

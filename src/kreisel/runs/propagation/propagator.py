@@ -148,11 +148,8 @@ class Propagator:
     def _value(self, name: str, value: Any) -> Array:
         array, like = np.asarray(value, dtype=np.float64), np.shape(self._stepper.scheme.constants[name])
         shape = like[len(like) - self.model.axes[name] :]
-        if (
-            array.shape[array.ndim - len(shape) :] != shape
-            or array.ndim > len(shape) + 1
-            or not np.isfinite(array).all()
-        ):
+        fits = array.shape[array.ndim - len(shape) :] == shape and array.ndim <= len(shape) + 1
+        if not fits or not np.isfinite(array).all():
             raise InputError(f"{name}: expected finite values of the shape {shape}, got {shown(value)}.")
         return array
 
