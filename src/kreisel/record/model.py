@@ -68,8 +68,8 @@ class State(Mapping[str, Array]):
     def __init__(self, components: Mapping[str, Array], kinds: Mapping[str, str], system: System | None = None):
         self._components, self._kinds, self._system = dict(components), dict(kinds), system
 
-    def __reduce__(self) -> Any:  # a record may hold functions that cannot be pickled
-        return _state_again, (self._components, self._kinds, self.orientation, self.frame)
+    def __getstate__(self) -> dict[str, Any]:  # a record may hold functions that cannot be pickled
+        return {**self.__dict__, "_system": None}
 
     def started(self, orientation: Array | None, frame: BodyFrame) -> State:
         """The state with the orientation with which its run begins, and the axes and units of its body."""
@@ -115,10 +115,6 @@ class State(Mapping[str, Array]):
         return State(
             components, {k: kind.shown((self._components[k].shape or (0,))[-1]).name for k, kind in kinds.items()}
         )
-
-
-def _state_again(components: Any, kinds: Any, orientation: Array | None, frame: BodyFrame) -> State:
-    return State(components, kinds).started(orientation, frame)
 
 
 class Model:

@@ -20,7 +20,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits, Steps
 from kreisel.process import SPENT
 from kreisel.record.values import in_lane
-from kreisel.runs.plan import BREAKS, Fault, Plan, faults, is_finite
+from kreisel.runs.plan import BREAKS, Plan, faults, is_finite
 from kreisel.runs.planning import cause_of_no_numbers
 from kreisel.runs.settings import LARGE, of_forces
 
@@ -240,26 +240,25 @@ class Integration:
 
     def _check(self) -> None:
         """Note or raise the first row that violates a promise of the method."""
-        plan = self.plan
-        for fault in faults(plan.scheme, plan.engine, self.buffer[: self.filled], plan.dt):
+        for fault in faults(self.plan.scheme, self.plan.engine, self.buffer[: self.filled], self.plan.dt):
+            place = " at or before step {step} (time {time:g})" if fault.seen else ", before step {step}"
+            self._lose(fault.good, fault.text, place, fault.cause)
 
-            def text(step: int, fault: Fault = fault) -> str:
-                seen = f"{fault.text} at or before step {step} (time {step * plan.dt:g})"
-                return seen if fault.seen else f"{fault.text}, before step {step}"
-
-            self._lose(fault.good, text, fault.cause or (lambda step: cause_of_no_numbers(plan, step)))
-
-    def _lose(self, good: Array, fault: Callable[[int], str], cause: str | Callable[[int], str]) -> None:
+    def _lose(self, good: Array, fault: str, place: str, cause: str) -> None:
         """The lanes that are no longer good (rows, lanes): raise `RunError`, or note them."""
+
+        def text(step: int) -> str:
+            return fault + place.format(step=step, time=step * self.plan.dt)
+
         row = int(np.argmin(good.all(1)))
         step = self._step_of(self.flushed + row)
-        cause = cause if isinstance(cause, str) else cause(step)
+        cause = cause or cause_of_no_numbers(self.plan, step)
         if self.faults is None:
-            raise RunError(f"{fault(step)}{in_lane(~good[row])}. Usual cause: {cause}")
+            raise RunError(f"{text(step)}{in_lane(~good[row])}. Usual cause: {cause}")
         for lane in np.flatnonzero(~good.all(0)).tolist():
             row = self.flushed + int(np.argmin(good[:, lane]))
             self._ends[lane] = min(self._ends[lane], row)
-            self.faults.setdefault(lane, f"{fault(self._step_of(row))}. Usual cause: {cause}")
+            self.faults.setdefault(lane, f"{text(self._step_of(row))}. Usual cause: {cause}")
 
     def _finished(self) -> dict[str, Array]:
         self._check()
@@ -274,8 +273,7 @@ class Integration:
         cause = f"{of_forces(self.plan.model)}a state so large that its powers overflow. Use smaller units."
         for name in [name for name, value in block.items() if not is_finite(value)]:
             finite = np.isfinite(block[name]).reshape((self.filled, self.plan.lanes, -1)).all(-1)
-            text = f"{name} is not finite, although the state is, at step {{}}"
-            self._lose(finite, text.format, cause)
+            self._lose(finite, f"{name} is not finite, although the state is,", " at step {step}", cause)
             lost = lost | ~finite
         if lost.any():
             for name, value in block.items():
