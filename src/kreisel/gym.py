@@ -56,8 +56,6 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
         if not (size := {"torque": 3, "wheel_torque": wheels, "dipole": 3}.get(name)):
             raise InputError(f"actuator: expected torque, dipole, or with wheels wheel_torque, got {shown(name)}.")
         convert_fields(self, positive=True, limit=COMMANDS[name], rates="rad/s", every="s", duration="s")
-        if not callable(self.reward):
-            raise InputError(f"reward: expected a function of angle, rates and action, got {shown(self.reward)}.")
         counts = {"num_envs": self.num_envs, "duration over every": round(self.duration / self.every)}
         self.num_envs, self._steps = (within(count, key, 1, 10**6) for key, count in counts.items())
         laws: Any = (lambda command: {name: command, "command": command},)  # the memory has the actions

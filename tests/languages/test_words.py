@@ -166,7 +166,7 @@ def test_parameters_called_like_variables_of_the_file(language: str, tmp_path: P
         ("js", "var"),
         ("julia", "end"),
         ("gdscript", "func"),
-        ("wgsl", "target"),
+        ("wgsl", "loop"),
         ("python", "stage"),
         ("c", "step"),
     ],

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel import algebra
@@ -402,6 +403,19 @@ def test_derivatives_by_the_moments_of_a_free_body() -> None:
         motion({"momentum": spin}, dt=0.1, steps=1, inertia=moments)
 
 
+ROCK, TUMBLING = kr.physical.FreeBody((1.0, 2.0, 2.5)), {"momentum": np.array([0.3, 2.0, 0.5])}
+
+
+def test_durations_with_units() -> None:
+    """dt="20 ms" for 3 s, of Euler's equations by SciPy."""
+    I = np.array([1.0, 2.0, 2.5])  # noqa: E741
+    M = solve_ivp(lambda t, M: np.cross(M, M / I), (0, 3), TUMBLING["momentum"], "DOP853", rtol=1e-11, atol=1e-12)
+    motion = kr.differentiable(ROCK)
+    last = np.asarray(motion(TUMBLING, dt="20 ms", steps=150, time="1 min")["momentum"])
+    assert abs(last - M.y[:, -1]).max() < 1e-9
+    assert (last == np.asarray(motion(TUMBLING, dt=0.02, steps=150)["momentum"])).all()
+
+
 BAD = [
     (lambda: kr.differentiable(TOP, method="dop853"), "makes steps"),
     (lambda: kr.differentiable(kr.LagrangeTop(p=np.ones(11)), method="suris"), "n of at most 10"),
@@ -427,6 +441,18 @@ BAD = [
     (lambda: kr.differentiable(TOP)({**START, "a": np.float32([1, 0, 0])}, dt=0.1, steps=1), "float32"),
     (lambda: kr.differentiable(TOP)({**START, "a": jnp.ones(3)}, dt=0.1, steps=1), "float32"),
     (lambda: jax.jit(lambda n: kr.differentiable(TOP)(START, dt=0.1, steps=n))(3), "static_argnames"),
+    (lambda: kr.differentiable(TOP)(START, dt="1 ms", steps=1), "dt: expected a finite number, got '1 ms'"),
+    (lambda: kr.differentiable(TOP)(START, dt=None, steps=1), "dt: expected a finite number, got None"),
+    (lambda: kr.differentiable(TOP)(START, dt=0, steps=1), "dt: expected a step, which may be negative, got 0"),
+    (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1, time=(0, 1)), "time: expected a finite number"),
+    (lambda: kr.differentiable(ROCK)(TUMBLING, dt=0, steps=1), "dt: expected a step"),
+    (lambda: kr.differentiable(ROCK)(TUMBLING, dt="1 m", steps=1), "dt must have the dimension of s"),
+    (
+        lambda: kr.differentiable(ROCK)(TUMBLING, dt=0.1, steps=1, time=None),
+        "time: expected values in s, or a quantity",
+    ),
+    (lambda: kr.differentiable(ROCK)({"momentum": 1.0}, dt=0.1, steps=1), "momentum: expected a vector, got one value"),
+    (lambda: kr.differentiable(ROCK)({"momentun": (1, 2, 3)}, dt=0.1, steps=1), "components momentum, got"),
 ]
 
 

@@ -316,8 +316,6 @@ WGSL = _language(
         "up status": "for (var {var} = 0; {var} < {count}; {var}++) {{|i32({})",
         "default": "const {type}_{name}: f32 = {body};|const {type}_{name} = array<f32, {count}>({body});",
         "number number32 reserved": "{}f|{}f|",
-        "keywords": WORDS
-        + "alias array discard fn let loop package ref sampler self set shared smooth target type var",
         "calls": "max({0}, {1})|select(1.0, -1.0, {0} < 0.0)|select({3}, {2}, {0} < {1})" + FUSED + ROOTS + NAMED,
     },
     words={},

@@ -29,9 +29,17 @@ from kreisel.record.contract import ExactMap, Frame
 from kreisel.record.model import Model, State
 from kreisel.record.table import require_within, tables_exceeded
 from kreisel.runs.geometry import model_for
-from kreisel.runs.in_si import in_state_form, matrix_of, oriented
+from kreisel.runs.in_si import duration, in_state_form, matrix_of, oriented
 from kreisel.runs.run_record import RunRecord
-from kreisel.runs.settings import MOST_STEPS, check_model, initial_orientation, named, whole_order, within
+from kreisel.runs.settings import (
+    MOST_STEPS,
+    check_model,
+    finite_number,
+    initial_orientation,
+    named,
+    whole_order,
+    within,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,7 +80,7 @@ def differentiable(
                 True: every state has g.  Forces may need it; default: for a body on which forces need it
     state       mapping of the components: m (3,), an axial vector, for n = 3, else (n, n) skew; a (n,); `x0.axial` of a
                 state is also accepted; with an orientation also g, (4,) for n = 3, else (n, n)
-    dt          the step, a float or traced by JAX
+    dt          the step, a float or traced by JAX; for a body of `kr.physical` also "1 ms"
     steps       the number of steps; every: rows (steps/every + 1, ...) at 0, every, ...; time: at the start, for forces
     parameters  other values of parameters of the system, by letter; default: the system's values
 
@@ -110,6 +118,9 @@ def differentiable(
         step = step_with(bool(parameters))
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
+            dt, time = (v if by.is_traced(v) else finite_number(v, k) for k, v in (("dt", dt), ("time", time)))
+            if not by.is_traced(dt) and not dt:
+                raise InputError("dt: expected a step, which may be negative, got 0.")
             start = _at_times(by, model, _start_of(by, model, state, oriented, begin), dt, time, count)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             return {k: v if every is not None else v[-1] for k, v in rows.items()}
@@ -328,9 +339,8 @@ def _start_of(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, b
     wanted_letters = (*space.letters, *(ORIENTATION,) * oriented)
     if {*state} != {*wanted_letters}:
         unasked = " orientation=... gives a start to g." if ORIENTATION in {*state} ^ {*wanted_letters} else ""
-        raise InputError(
-            f"state: expected the components {', '.join(wanted_letters)}, got {shown(list(state))}.{unasked}"
-        )
+        expected, given = ([model.body_frame.names.get(k, k) for k in letters] for letters in (wanted_letters, state))
+        raise InputError(f"state: expected the components {', '.join(expected)}, got {shown(given)}.{unasked}")
     for letter, kind in with_orientation(model, oriented):
         value = state[letter]
         if letter == ORIENTATION and not by.is_traced(value):
@@ -413,6 +423,8 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
         names = frame.names if forward else {name: letter for letter, name in frame.names.items()}
         out = {}
         for name, value in state.items():
+            if not np.ndim(value):
+                raise InputError(f"{name}: expected a vector, got one value.")
             matrix = matrix_of(frame, name if forward else names.get(name, name), np.shape(value)[-1], forward)
             out[names.get(name, name)] = value if np.array_equal(matrix, np.eye(len(matrix))) else value @ matrix
         return out
@@ -424,7 +436,6 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
         from kreisel.kernels import jax_numbers as by
         from kreisel.reduction.double import double, require_double
 
-        unit = frame.time_unit
         with double():
             require_double(dt, time)
             if isinstance(state, State):
@@ -433,8 +444,9 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
                 start = changed({name: by.array(value, name) for name, value in state.items()}, False)
             others = {name: by.array(value, name) for name, value in others.items()}
             others = {name: value @ frame.axes if name in along else value for name, value in others.items()}
-            others = body._scaled(others)
-            rows = motion(start, dt=dt / unit, steps=steps, every=every, time=time / unit, **others)
+            clock = {"dt": dt, "time": time}
+            clock = {k: v / frame.time_unit if by.is_traced(v) else duration(frame, v, k) for k, v in clock.items()}
+            rows = motion(start, steps=steps, every=every, **clock, **body._scaled(others))
             return changed(rows, True)
 
     return in_si
