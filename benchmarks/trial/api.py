@@ -132,13 +132,13 @@ def kinds() -> None:
 
 
 def _stepped(model: Any, state: Any, steps: Any, **options: Any) -> Any:
-    from kreisel.runs.propagation.of_body import propagator
+    from kreisel.runs.propagation.propagator import propagator
 
     return propagator(model, **options).steps(state, steps)
 
 
 def _placed(model: Any, state: Any, times: Any, **options: Any) -> Any:
-    from kreisel.runs.propagation.of_body import propagator
+    from kreisel.runs.propagation.propagator import propagator
 
     return propagator(model, **options).at(state, times)
 

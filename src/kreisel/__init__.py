@@ -46,7 +46,7 @@ _LAZY = {
     "at": "kreisel.runs.closed_form",
     "cite": "kreisel.runs.citing",
     "code": "kreisel.languages.source",
-    "propagator": "kreisel.runs.propagation.of_body",
+    "propagator": "kreisel.runs.propagation.propagator",
     "simulate": "kreisel.storage.simulate",
     "resume": "kreisel.storage.simulate",
     "open_run": "kreisel.sweeps.grids",

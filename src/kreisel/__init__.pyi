@@ -34,7 +34,7 @@ from kreisel.runs.closed_form import nutation as nutation
 from kreisel.sweeps.grids import open_run as open_run
 from kreisel.forces.body import perturbed as perturbed
 from kreisel.viewer.plots import plot as plot
-from kreisel.runs.propagation.of_body import propagator as propagator
+from kreisel.runs.propagation.propagator import propagator as propagator
 from kreisel.storage.simulate import resume as resume
 from kreisel.storage.simulate import simulate as simulate
 from kreisel.sweeps.sweep import sweep as sweep

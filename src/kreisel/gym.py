@@ -10,7 +10,7 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.forces.control import COMMANDS
 from kreisel.physical import Control, Satellite
 from kreisel.physical.measures import attitude_quaternion, convert_fields
-from kreisel.runs.propagation.of_body import propagator
+from kreisel.runs.propagation.propagator import propagator
 from kreisel.runs.settings import within
 
 try:

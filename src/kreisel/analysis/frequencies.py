@@ -33,7 +33,7 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs import harmonics
 from kreisel.runs.in_si import scaled
-from kreisel.runs.propagation.of_body import propagator
+from kreisel.runs.propagation.propagator import propagator
 from kreisel.runs.run_record import a_run
 from kreisel.runs.settings import check_model, checked_state, initial_orientation, within
 

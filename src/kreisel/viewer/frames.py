@@ -200,7 +200,7 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
 
 def _carried_on(starts: Any, record: RunRecord, model: Model, step: float, every: int, length: int) -> dict[str, Array]:
     """The states (length + 1, starts, lane, ...) from each of the starts."""
-    from kreisel.runs.propagation.of_body import propagator
+    from kreisel.runs.propagation.propagator import propagator
 
     names, forced = [*record.kinds, *([ORIENTATION] if ORIENTATION in starts else [])], model.system.perturbation
     moving = propagator(model, method=record.method, order=record.order, dt=step, orientation=ORIENTATION in starts)
