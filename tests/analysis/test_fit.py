@@ -306,6 +306,16 @@ def test_the_moments_of_a_free_body(turn: Any) -> None:
         kr.fit(body, data, free=["moments", "momentum"], x0=body.state(rates[0]), dt=0.05)
 
 
+def test_a_run_of_another_body_is_observed_in_si() -> None:
+    """Its momentum is in units of its moments; those of the guess differ."""
+    true, guess = kr.physical.FreeBody((1.05, 2.0, 2.5)), kr.physical.FreeBody((1.0, 2.0, 2.5))
+    run = kr.simulate(true, true.state((0.3, 1.0, 0.2)), dt=0.05, steps=60, every=3, project=False, progress=False)
+    found = kr.fit(guess, run, free=["moments[0]", "momentum"], x0=guess.state((0.3, 1.0, 0.2)))
+    assert found.values["moments[0]"] == pytest.approx(1.05, abs=1e-12)
+    M = np.array([found.values[f"M[{i}]"] for i in range(3)]) * guess.momentum_unit
+    assert M == pytest.approx([0.315, 2.0, 0.5], abs=1e-12)  # I w
+
+
 def test_the_weight_of_a_gyroscope() -> None:
     """Of its axis by L' = r x W, a' = w x a, without an attitude, which the default method of a top does not give."""
     I1, I3, lever, spin, tilt = 1.9e-3, 6e-4, 0.05, 200.0, 0.5  # mass 0.5 kg
@@ -322,6 +332,12 @@ def test_the_weight_of_a_gyroscope() -> None:
     data = seen(time, axis=made.y[3:].T)
     found = kr.fit(guess, data, free=["p[2]"], x0=start, dt="0.1 ms")
     assert found.values["p[2]"] == pytest.approx(1 / 1.01, rel=1e-4) and found.converged
+    true = kr.physical.Gyroscope(0.5, I3, I1, lever, gravity=9.81)  # in other units of time and momentum
+    rows = kr.simulate(true, true.state(tilt=tilt, spin=spin), dt="0.1 ms", t_end="0.5 s", every=100, progress=False)
+    found = kr.fit(guess, rows, free=["p[2]"], x0=start, orientation=False)
+    assert found.values["p[2]"] == pytest.approx(1 / 1.01, rel=1e-4)
+    with pytest.raises(kr.InputError, match=r"x0: expected body.state\(...\), .* and no run of this body"):
+        kr.fit(guess, rows, free=["p[2]"], orientation=False)
     run = kr.simulate(guess, start, dt="1 ms", t_end="0.5 s", every=10, progress=False)  # has an attitude
     assert kr.fit(guess, run, free={"p[2]": 1.01}, orientation=False).values["p[2]"] == pytest.approx(1, abs=1e-9)
     with pytest.raises(kr.InputError, match="or orientation=False"):

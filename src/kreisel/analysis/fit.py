@@ -27,7 +27,7 @@ from kreisel.record.body_frame import AXES
 from kreisel.record.calling import keywords
 from kreisel.record.model import Model, State
 from kreisel.runs.differentiable import attitude_near, constants_of, differentiable
-from kreisel.runs.in_si import is_in_si, letters_of, observations_of, scaled
+from kreisel.runs.in_si import letters_of, observations_of, scaled
 from kreisel.runs.settings import check_model, checked_state, initial_orientation, positive_number, within
 
 if TYPE_CHECKING:
@@ -197,18 +197,14 @@ def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, 
     """The arguments of a fit in the form of the state; `system` may be a body.  Raises `InputError`."""
     if as_body(system) is None:
         return system, x0, orientation, dt, observations, free
-    if x0 is None and not is_in_si(observations):
-        raise InputError("x0: expected body.state(...), the start of the search, got none.")
     step = _step_of(observations) if dt is None else dt
     model, x0, first, asked, _ = scaled(system, x0, orientation, {"dt": step})
-    return (
-        model,
-        x0,
-        first if orientation is not False else False,
-        asked["dt"],
-        observations_of(model, observations),
-        letters_of(model, free),
-    )
+    data = observations_of(model, observations)
+    if orientation is False and hasattr(data, "drop_vars"):
+        first, data = False, data.drop_vars(ORIENTATION, errors="ignore")
+    if x0 is None and "kreisel_format" not in getattr(data, "attrs", {}):
+        raise InputError("x0: expected body.state(...), the start of the search, got none, and no run of this body.")
+    return model, x0, first, asked["dt"], data, letters_of(model, free)
 
 
 def _step_of(observations: Any) -> float:

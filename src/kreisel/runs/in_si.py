@@ -471,8 +471,10 @@ def matrix_of(frame: BodyFrame, letter: str, width: int, forward: bool) -> Array
 def observations_of(model: Model, data: Any) -> Any:
     """Observations of a body, with names in words, SI and the axes given by default, with letters and these attributes.
 
-    A run in SI is returned in the form of the state.
+    A run in SI is returned in the form of the state; of a body whose state has other axes or units, as observations.
     """
+    if is_in_si(data) and not frame_in_si(data).is_like(model.body_frame, (*model.system.space.letters, "time")):
+        data = type(data)({name: data[name] for name in model.body_frame.names.values() if name in data})
     if is_in_si(data) or not hasattr(data, "data_vars"):
         return in_state_form(data)
     frame = model.body_frame
