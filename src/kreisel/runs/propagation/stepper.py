@@ -7,6 +7,7 @@ import sys
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -78,7 +79,7 @@ class Stepper:
         self._work_of_step = FEWEST
         jump = None if scheme.orbits is None else scheme.orbits.jump
         self._jumping, self._of_top = jump is not None, isinstance(jump, Jump)
-        self._jumps: dict[int, Jumps] = {}
+        self._jumps = cache(partial(Jumps, scheme))  # by lanes
         self._rooms = list[Room]() if self._jumping and not model.batch else None
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
 
@@ -286,7 +287,7 @@ class Stepper:
             if rows is None:
                 self._rooms = None
                 return None
-            leap = self._jumps_of(1).single(algebra.coordinate_count(self.scheme.kinds, self.model.n))
+            leap = self._jumps(1).single(algebra.coordinate_count(self.scheme.kinds, self.model.n))
             x0, y0 = np.empty((1, 1, self.forms.size)), np.empty((1, 1, rows[1].count))
             chain = Chain([rows[0].link(x0, leap.z[None]), leap.link, rows[1].link(leap.row, y0)], [x0, leap.row])
             room = Room(chain, x0.ravel(), leap.time, y0.ravel(), leap.error)
@@ -302,7 +303,7 @@ class Stepper:
         """Rows (times, lanes, d) by compiled jumps, at times in a unit; None if not all are accurate."""
         if not self._jumping or len(times) > FEW:
             return None
-        out, right = self._jumps_of(len(z)).at(z, times, unit)
+        out, right = self._jumps(len(z)).at(z, times, unit)
         return out if right.all() else None
 
     def states(self, z: Floats, times: Floats) -> Floats:
@@ -324,11 +325,6 @@ class Stepper:
             place = self.column_of(ORIENTATION)
             out[..., place : place + 4] = algebra.continued(out[..., place : place + 4], times)
         return out
-
-    def _jumps_of(self, lanes: int) -> Jumps:
-        if lanes not in self._jumps:
-            self._jumps[lanes] = Jumps(self.scheme, lanes)
-        return self._jumps[lanes]
 
     # -- any times -------------------------------------------------------------------------------------
 
