@@ -361,3 +361,15 @@ def without(run: Any, name: str) -> Any:
 def test_rows_that_are_no_rows_of_a_run(call: Any, short: Any) -> None:
     with xr.set_options(keep_attrs=True), np.errstate(all="ignore"), pytest.raises(kr.InputError, match="xpected"):
         call(short)
+
+
+def test_runs_of_two_bodies_are_compared_in_si() -> None:
+    """The momentum I w and the attitude, which are given, of bodies whose states have other units and axes."""
+    turn = Rotation.from_rotvec([0.3, 0.2, -0.4]).as_matrix()
+    bodies = [kr.physical.FreeBody((1.05, 2.0, 2.5)), kr.physical.FreeBody(turn @ np.diag((1.0, 2.0, 2.6)) @ turn.T)]
+    w, attitude = np.array([0.3, 1.0, 0.2]), (0.8, 0.0, 0.6, 0.0)
+    runs = [kr.simulate(body, body.state(w, attitude=attitude), dt=0.05, steps=20, progress=False) for body in bodies]
+    first, second = (body.inertia @ w for body in bodies)
+    start = analysis.compare(*runs).distance.isel(time=0)
+    assert float(start.momentum) == pytest.approx(np.linalg.norm(first - second) / np.linalg.norm(first), rel=1e-12)
+    assert float(start.attitude) < 1e-12

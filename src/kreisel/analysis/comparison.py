@@ -133,25 +133,29 @@ def error(run: xr.Dataset, system: Model | Body | None = None) -> xr.Dataset:
 
 
 def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
-    run_of_user, run, second_run = run, in_state_form(run), in_state_form(second_run)
+    """Two runs in SI are compared in SI: their bodies may differ in the units and axes of the state."""
+    (dims, coords), kinds = rows_of(run), RunRecord.from_attrs(run.attrs).kinds
+    shown = dict(zip(kinds, names_of_state(run), strict=True)) | {ORIENTATION: "attitude" if is_in_si(run) else "g"}
+    names = shown
+    if not (is_in_si(run) and is_in_si(second_run)):
+        names, run, second_run = {name: name for name in shown}, in_state_form(run), in_state_form(second_run)
     data: dict[str, Any] = {}
-    dims, coords = rows_of(run_of_user)
     lead = len(dims)
-    for letter in RunRecord.from_attrs(run.attrs).kinds:
-        if letter not in run or letter not in second_run:
+    for letter in kinds:
+        name = names[letter]
+        if name not in run or name not in second_run:
             raise InputError(f"expected two runs with {letter} of their state, got one without.")
-        first, two = (np.asarray(r[letter].values).reshape((*r[letter].shape[:lead], -1)) for r in (run, second_run))
+        first, two = (np.asarray(r[name].values).reshape((*r[name].shape[:lead], -1)) for r in (run, second_run))
         with np.errstate(all="ignore"):
             size = np.linalg.norm(first, axis=-1).max() or 1.0
             apart = np.linalg.norm(first - two, axis=-1) / size
         if not np.isfinite(apart).all():
             raise InputError(f"expected {letter} with finite squares in both runs, got larger values.")
-        data[letter] = (dims, apart, {"long_name": f"distance of {letter}"})
-    if all(ORIENTATION in dataset and dataset[ORIENTATION].shape[-1] == 4 for dataset in (run, second_run)):
-        q, r = run[ORIENTATION].values, second_run[ORIENTATION].values
+        data[shown[letter]] = (dims, apart, {"long_name": f"distance of {letter}"})
+    name = names[ORIENTATION]
+    if all(name in dataset and dataset[name].shape[-1] == 4 for dataset in (run, second_run)):
+        q, r = run[name].values, second_run[name].values
         nearest = np.minimum(np.linalg.norm(q - r, axis=-1), np.linalg.norm(q + r, axis=-1))
         angle = 4 * np.arcsin(np.clip(nearest / 2, 0, 1))
-        data[ORIENTATION] = (dims, angle, {"long_name": "angle between the orientations", "units": "rad"})
-    names = dict(zip(RunRecord.from_attrs(run.attrs).kinds, names_of_state(run_of_user), strict=True))
-    names |= {ORIENTATION: "attitude"} if is_in_si(run_of_user) else {}
-    return xr.Dataset({names.get(letter, letter): value for letter, value in data.items()}, coords)
+        data[shown[ORIENTATION]] = (dims, angle, {"long_name": "angle between the orientations", "units": "rad"})
+    return xr.Dataset(data, coords)
