@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kreisel.cli.checkcases import files_of
 from kreisel.cli.output import OverwriteFile, a_path, app, arg, opt, say, system_names
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError
 from kreisel.record.contract import System
+from kreisel.system import find
 
 if TYPE_CHECKING:
     from kreisel.runs.examples import Example
@@ -263,10 +264,7 @@ def system_named(name: str) -> System:
         raise InputError(
             f"expected a system, got {name}, a body of kr.physical. `kreisel new {name}` writes a TOML file of its run."
         )
-    if name not in KNOWN:
-        names = f"{', '.join(KNOWN)}; bodies: {', '.join(SAMPLES)}"
-        raise InputError(f"No system is called {shown(name)}.{hint(name, (*KNOWN, *SAMPLES))} There are: {names}.")
-    return KNOWN[name]
+    return find(name, KNOWN, SAMPLES)
 
 
 def text_of(sample: Example, target: Path, swept: bool = False) -> str:

@@ -10,7 +10,7 @@ import hashlib
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -53,14 +53,8 @@ class Writer:
     lines   the statements
     """
 
-    def __init__(
-        self,
-        dialect: Dialect,
-        inputs: Callable[[str, int], str] | None = None,
-        copied: Sequence[str] = (),
-        taken: Iterable[str] = (),
-    ):
-        self.dialect, self.inputs, self.copied, self.taken = dialect, inputs or "{}[{}]".format, copied, {*taken}
+    def __init__(self, dialect: Dialect, inputs: Callable[[str, int], str] | None = None, copied: Sequence[str] = ()):
+        self.dialect, self.inputs, self.copied, self.taken = dialect, inputs or "{}[{}]".format, copied, set[str]()
         self.lines, self.indent, self._open, self._count = list[str](), 1, "", 0
 
     def say(self, statement: str) -> None:
@@ -313,7 +307,8 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
         return dialect.members[f.count > 0].format(object=owner, name=name, i=index)
 
     changed = [name for name, (kind, _) in function.arguments.items() if kind == "written state"]
-    writer = Writer(dialect, place, changed, function.arguments)
+    writer = Writer(dialect, place, changed)
+    writer.taken |= {*function.arguments}
     if function.result:
         (value,) = writer.values(graph, as_operands([results]))
         number = bare(value) if function.result == "number" else dialect.status.format(bare(value))

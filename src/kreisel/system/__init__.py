@@ -45,11 +45,12 @@ def _stated(name: str) -> System:
     return system.remade_by(find, name)
 
 
-def find(name: str, registry: Mapping[str, System] | None = None) -> System:
-    """The system of that name.  Raises `InputError` with the nearest name."""
+def find(name: str, registry: Mapping[str, System] | None = None, bodies: Iterable[str] = ()) -> System:
+    """The system of that name.  Raises `InputError` with the nearest name, also of `bodies` of `kr.physical`."""
     registry = REGISTRY if registry is None else registry
     if name not in registry:
-        raise InputError(f"No system is called {shown(name)}.{hint(name, registry)} There are: {', '.join(registry)}.")
+        names = [*registry, *bodies]
+        raise InputError(f"No system is called {shown(name)}.{hint(name, names)} There are: {', '.join(names)}.")
     return registry[name]
 
 
