@@ -271,6 +271,15 @@ def test_extended_equals_longer(first: int, top: object, x0: object, tmp_path: P
     assert check_archive(tmp_path / "run.zarr")[1] == []
 
 
+def test_rows_opened_before_an_extension_ask_to_be_opened_again(top: Any, x0: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    before = kr.simulate(top, x0, dt=0.05, steps=40, every=4, path=path, progress=False)
+    kr.resume(path, extend=160, progress=False)
+    with pytest.raises(kr.InputError, match="If it was resumed since you opened it, open it again"):
+        before.m.load()
+    assert kr.open_run(path).m.load().sizes["time"] == 41
+
+
 def test_extended_with_the_tolerance_of_the_run(top: object, x0: object, tmp_path: Path) -> None:
     asked = {"dt": 0.25, "every": 4, "method": "dop853", "tol": 1e-4, "progress": False}
     kr.simulate(top, x0, path=tmp_path / "long.zarr", steps=60, **asked)

@@ -48,6 +48,7 @@ COMPUTED, FAILED, MISSING = 0, 1, 255  # values of the variable `failed` of a sw
 SWEEP_FORMAT = 1
 Count = Annotated[int, msgspec.Meta(ge=1)]
 REMEDY = "`kreisel check` reports the other damage; --recover saves the intact rows."
+REOPENED = " If it was resumed since you opened it, open it again."
 
 # Exceptions of zipfile and NumPy for a damaged .npz: NotImplementedError for an unknown kind of compression or
 # encryption, the last three if the header of an array, a Python literal, is never closed or nested too deeply.
@@ -258,7 +259,7 @@ class Verified(LocalStore):
         return self
 
     def _damaged(self, why: str) -> Damaged:
-        error = Damaged(f"{self.root} is damaged: {why}. {REMEDY}")
+        error = Damaged(f"{self.root} is damaged: {why}. {REMEDY}{REOPENED}")
         error.why = why
         return error
 
