@@ -339,8 +339,8 @@ def _start_of(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, b
     wanted_letters = (*space.letters, *(ORIENTATION,) * oriented)
     if {*state} != {*wanted_letters}:
         unasked = " orientation=... gives a start to g." if ORIENTATION in {*state} ^ {*wanted_letters} else ""
-        expected, given = ([model.body_frame.names.get(k, k) for k in letters] for letters in (wanted_letters, state))
-        raise InputError(f"state: expected the components {', '.join(expected)}, got {shown(given)}.{unasked}")
+        expected, names = ([model.body_frame.names.get(k, k) for k in letters] for letters in (wanted_letters, state))
+        raise InputError(f"state: expected the components {', '.join(expected)}, got {shown(names)}.{unasked}")
     for letter, kind in with_orientation(model, oriented):
         value = state[letter]
         if letter == ORIENTATION and not by.is_traced(value):
