@@ -167,19 +167,18 @@ def test_scales(unit: float) -> None:
     assert abs(one.a - two.a).max() < 100 * DOUBLE
 
 
-def test_lanes_and_threads_have_the_bits_of_one_top(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("g", [None, (0.5, -0.5, 0.1, 0.7)])
+def test_lanes_and_threads_have_the_bits_of_one_top(monkeypatch: pytest.MonkeyPatch, g: object) -> None:
+    """Also where the lanes of a vector need different numbers of maps."""
     m, b, p = wide_tops(37)
-    alone = [
-        jumped(kr.LagrangeTop(p=p[i]), {"m": m[i], "a": b[i]}, TIMES[k : k + 1])[0][0, 0]
-        for i in range(37)
-        for k in (2,)
-    ]
+    g = None if g is None else np.array(g) / np.linalg.norm(g)
+    alone = [jumped(kr.LagrangeTop(p=p[i]), {"m": m[i], "a": b[i]}, TIMES[2:3], g)[0][0, 0] for i in range(37)]
     for count in (1, 2, 7, 37):
-        got, _ = jumped(kr.LagrangeTop(p=p[:count]), {"m": m[:count], "a": b[:count]}, TIMES)
+        got, _ = jumped(kr.LagrangeTop(p=p[:count]), {"m": m[:count], "a": b[:count]}, TIMES, g)
         assert (got[2] == alone[:count]).all()
     monkeypatch.setenv("KREISEL_NUM_THREADS", "3")
     monkeypatch.setattr(jumps, "WORK", 10**6)
-    got, _ = jumped(kr.LagrangeTop(p=p), {"m": m, "a": b}, TIMES)
+    got, _ = jumped(kr.LagrangeTop(p=p), {"m": m, "a": b}, TIMES, g)
     assert (got[2] == alone).all()
 
 

@@ -220,8 +220,11 @@ def _write_maps(f: Function, rows: Rows, start: Recorded, mapped: Formula, finis
         room[0] = x
     graph = Graph()
     inputs = graph.inputs("x", count + 7)
-    step = where_less(inputs[-1], inputs[-3], inputs[-2], 0.0)  # of the map's number, their count and eps
+    number, maps_of_lane, eps_of_lane = inputs[-1], inputs[-3], inputs[-2]
+    step = where_less(number, maps_of_lane, eps_of_lane, 0.0)
     new = as_operands(mapped(inputs[: count + 3], step, inputs[count + 3]))
+    # D_0 leaves m and b, but makes a quaternion of length 1 again: the maps of its neighbours would change its bits
+    new[6:] = [where_less(number, maps_of_lane, x, before) for x, before in zip(new[6:], inputs[6:count], strict=True)]
     (most,) = f.variables(1, f.arguments[0].value.type)  # the largest of the counts, at most MOST
     most[0], largest = MOST, f.largest(maps)
     with f.where(f.builder.fcmp_ordered("<", largest, DOUBLE(float(MOST)))):
