@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
+from kreisel.algebra.complex import Complex
 from kreisel.lab import brackets, exact, growth, integrals, modular
 from kreisel.lab.subject import Subject, subject
 from kreisel.record.model import Model
@@ -99,6 +100,7 @@ def test_residues_are_a_field() -> None:
     assert ((a * (b + c) - a * b - a * c).v == 0).all()
     assert ((a / b * b - a).v == 0).all()
     assert ((1 / a - a ** (p - 2)).v == 0).all()
+    assert ((a**-2 * a * a - 1).v == 0).all()
     assert ((a / F(2, 3) - a * F(3, 2)).v == 0).all()
     with pytest.raises(exact.Pole):
         1 / (a - a)
@@ -147,6 +149,19 @@ def test_degrees_by_the_definition_of_degree() -> None:
             x = array(*(sympy.cancel(v) for v in step(array(*x))))
             top = sympy.cancel(3 * x[0] + 11 * x[1]).as_numer_denom()
             assert max(sympy.degree(part, t) for part in top) == degrees[k]
+
+
+def test_negative_powers_are_quotients() -> None:
+    """In every ring; on residues x**-1 never ended, and elsewhere it was 1."""
+
+    def by_power(x, a=2):
+        return array(x[1], (a + x[1]) * x[0] ** -1)
+
+    assert growth.degrees(plane(by_power), 6) == growth.degrees(plane(lyness), 6)
+    assert exact.slopes(exact.independent(array(F(2, 3))) ** -1, 1) == -F(9, 4)  # of 1/x
+    number = Complex(F(3), F(4))
+    product = number**-1 * number
+    assert (product.re, product.im) == (1, 0)
 
 
 @pytest.mark.parametrize(("step", "expected"), [(naive, math.log((1 + math.sqrt(5)) / 2)), (perturbed, 1.27)])

@@ -28,6 +28,8 @@ class Ring:
         return self * other
 
     def __pow__(self, exponent: int) -> Any:
+        if exponent < 0:
+            return 1 / self**-exponent
         power: Any = 1
         for _ in range(exponent):
             power = power * self

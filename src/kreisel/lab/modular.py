@@ -59,6 +59,8 @@ class Mod(Ring):
         return n if n is NotImplemented else Mod(self.v * n % self.p, self.p)
 
     def __pow__(self, exponent: int) -> Mod:
+        if exponent < 0:
+            return self.inverse() ** -exponent
         return Mod(_power_modulo(self.v, exponent, self.p), self.p)
 
     def inverse(self) -> Mod:
