@@ -8,6 +8,7 @@ from fractions import Fraction as F
 import numpy as np
 import pytest
 
+from kreisel.algebra import objects
 from kreisel.errors import InputError
 from kreisel.lab import growth, integrals
 from kreisel.lab.darboux import darboux
@@ -100,6 +101,16 @@ def test_singularities_and_their_orbits(name: str, orbit: str, confined: int) ->
     (text,) = (text for text in found if text.startswith(orbit))
     assert found[text] == confined
     assert text.endswith("not confined") == (confined == 0)
+
+
+def test_singularities_of_a_map_whose_constants_have_names() -> None:
+    """As of the map that contains their values; they are residues, which series did not accept."""
+
+    def lyness(x, a=1):
+        return objects([x[1], (a + x[1]) / x[0]])
+
+    by_name = singularities(subject(lyness, names=("x", "y"), a=F(1)))
+    assert [str(s) for s in by_name] == [str(s) for s in singularities(of_name("Lyness, a = 1"))]
 
 
 def test_a_polynomial_automorphism_has_no_singularity() -> None:

@@ -337,7 +337,8 @@ class Series(Field):
     def _of(self, operand: Any) -> Series:
         if isinstance(operand, Series):
             return operand
-        return Series(0, [residue(operand, self.p), *[0] * (TERMS - 1)], self.p)
+        first = int(operand.v) if isinstance(operand, Mod) else residue(operand, self.p)
+        return Series(0, [first, *[0] * (TERMS - 1)], self.p)
 
     def _plus(self, operand: Series) -> Series:
         v, end = min(self.v, operand.v), min(self.v + len(self.c), operand.v + len(operand.c))
