@@ -155,6 +155,10 @@ def test_bad_input():
             lambda: light_curve(run, AXES, sun=(1, 0, 0), observer=early),
             "observer: Table: expected times from 0 to 0.5",
         ),
+        (
+            lambda: light_curve(run, AXES, sun=(1, 0, 0), observer=(1, 0, 0), law=np.ones(2)),
+            "law: expected one of lommel-seeliger",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             call()

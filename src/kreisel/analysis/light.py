@@ -234,7 +234,7 @@ def weights_of(law: Any) -> dict[str, float]:
     if isinstance(law, Mapping):
         weights = {name: si_number(w, "1", f"law, {shown(name)}") for name, w in law.items()}
     else:
-        weights = DAMIT if law == "damit" else {law: 1.0} if isinstance(law, str) else {}
+        weights = {} if not isinstance(law, str) else DAMIT if law == "damit" else {law: 1.0}
     if not weights or not set(weights) <= set(LAWS) or min(weights.values()) < 0:
         raise InputError(
             f"law: expected one of {', '.join(LAWS)}, damit, or weights >= 0 of the first three by name, got "
