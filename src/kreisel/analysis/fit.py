@@ -179,7 +179,7 @@ def fit(
 def _kind(
     model: Model, observations: Any, observables: Mapping[str, Any], in_si: Mapping[str, Array]
 ) -> tuple[Any, ...]:
-    """The values beside those of the model that the functions of a fit contain."""
+    """The values in the functions of a fit that the key of the model does not have."""
     axes = model.body_frame.axes.tobytes() if model.body_frame else b""
     of_variables = tuple((name, variable.attrs.get(AXES)) for name, variable in observations.variables.items())
     of_body = tuple((letter, value.tobytes()) for letter, value in in_si.items())
@@ -238,7 +238,7 @@ def _attitude(model: Model, observations: Any, orientation: Any) -> Array | None
 
 
 def _depends_on_attitude(model: Model, observations: Any, free: Any, observables: Mapping[str, Any]) -> bool:
-    """Whether forces, observations or unknowns depend on the attitude, which not every method of a top computes."""
+    """Whether forces, observations or unknowns depend on the attitude; not every method of a top computes it."""
     forces = model.system.perturbation
     by_forces = forces is not None and forces.names(ORIENTATION)
     by_user = any(ORIENTATION in keywords(f) for f in observables.values() if callable(f))

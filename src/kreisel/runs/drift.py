@@ -327,9 +327,11 @@ def lane_scales(run: xr.Dataset, name: str, key: str) -> np.ndarray:
         values = np.atleast_1d(np.asarray(variable.attrs[key], dtype=np.float64)).reshape(-1, parts)
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{name} is damaged: its attribute {key} does not belong to it.") from None
-    lanes = np.atleast_1d(run.variables["lane"].values if "lane" in run.variables else 0.5)  # 0.5: none
-    fits = lanes.dtype.kind in "iu" and (lanes >= 0).all() and (lanes < len(values)).all()
-    return values[lanes] if fits and len(values) > 1 else values.max(0, keepdims=True)
+    if len(values) > 1 and "lane" in run.variables:
+        lanes = np.atleast_1d(run.variables["lane"].values)
+        if lanes.dtype.kind in "iu" and (lanes >= 0).all() and (lanes < len(values)).all():
+            return values[lanes]
+    return values.max(0, keepdims=True)
 
 
 def _ratio(change: Any, width: Any) -> Any:

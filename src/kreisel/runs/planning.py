@@ -190,8 +190,8 @@ def _of_splitting(model: Model, parts: tuple[Array, ...], settings: Settings, la
     else:
         choice = auto.choose_splitting(steps, rate, *when)
         choice = auto.witnessed(steps, choice, rate, *when)
-        beside = _pilot(model, (parts[0] * (1 + auto.NUDGE), *parts[1:]), settings)
-        chaotic = auto.separates(steps, beside, choice, rate, *when[:2])
+        neighbour = _pilot(model, (parts[0] * (1 + auto.NUDGE), *parts[1:]), settings)
+        chaotic = auto.separates(steps, neighbour, choice, rate, *when[:2])
         if chaotic and auto.within_reach(rate, settings.time):
             choice, chaotic = auto.witnessed(steps, choice, rate, *when, chaotic=True), False
         fault = CHAOTIC if chaotic else MISSED if choice.expected > (tol or 0) else ""

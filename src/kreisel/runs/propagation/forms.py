@@ -215,10 +215,10 @@ class StateForms:
             out[letter] = entries if unpack is None else unpack(entries, n)
         if not self.settings.observe:
             return out
-        return out | {name: x[..., place] for name, place in self.beside.items()}
+        return out | {name: x[..., place] for name, place in self.observed_places.items()}
 
     @cached_property
-    def beside(self) -> dict[str, Any]:
+    def observed_places(self) -> dict[str, Any]:
         """The places of the observed quantities after the state."""
         if not self.settings.observe:
             return {}

@@ -125,9 +125,9 @@ class Propagator:
         return f"<kreisel propagator of {self.model!r}: {self._stepper.scheme.name}>"
 
     @property
-    def beside(self) -> dict[str, Any]:
+    def observed_places(self) -> dict[str, Any]:
         """The places of the observed quantities after the state."""
-        return self._forms.beside
+        return self._forms.observed_places
 
     @explained
     def steps(self, state: Any, n: int, every: int | None = None, time: float | None = None, **parameters: Any) -> Any:
@@ -364,7 +364,7 @@ class BodyPropagator:
             named: dict[str, Any] = {**state.axial, ORIENTATION: state.orientation}
         elif missing := [name for name in self.names if name not in state]:
             raise InputError(f"The state: expected {', '.join(self.names)}, got none for {', '.join(missing)}.")
-        elif further := [name for name in state if name not in self.names and name not in self._motion.beside]:
+        elif further := [name for name in state if name not in (*self.names, *self._motion.observed_places)]:
             close = hint(further[0], self.names)
             raise InputError(
                 f"The state: expected {', '.join(self.names)}, got {shown(further[0])} too.{close} The attitude is "
@@ -404,10 +404,10 @@ class BodyPropagator:
 
     def _returned(self, x: Array, state: Any) -> Any:
         """Entries of the model (..., size + observed) in the form in which a state was given."""
-        out, beside = self._changed(x[..., : self.size], self._out), self._motion.beside
+        out, observed_places = self._changed(x[..., : self.size], self._out), self._motion.observed_places
         if x.shape[-1] > self.size:
             out = np.concatenate([out, x[..., self.size :]], -1)
-            for name, place in beside.items():
+            for name, place in observed_places.items():
                 size = self._frame.size(name)
                 out[..., place] *= size[:, None] if np.ndim(size) == 1 and not isinstance(place, int) else size
         if not isinstance(state, Mapping):
@@ -416,7 +416,7 @@ class BodyPropagator:
             name: out[..., place.start if letter in self._numbers else place]
             for name, (letter, place) in self._places.items()
         }
-        return named | {name: out[..., place] for name, place in beside.items()}
+        return named | {name: out[..., place] for name, place in observed_places.items()}
 
     @explained
     def steps(self, state: Any, n: int, every: int | None = None, time: Any = None, **parameters: Any) -> Any:
