@@ -21,9 +21,8 @@ from typing import Any
 
 from cases import BenchCase, cases, machine, parser, write
 
-from kreisel.graph.ptx import ptx
 from kreisel.graph.recording import flat_constants, flat_stages
-from kreisel.kernels.gpu import ARGUMENTS, PRECISIONS, recorded_for_gpu, steps_of_a_lane
+from kreisel.kernels.gpu import ARGUMENTS, PRECISIONS, ptx, recorded_for_gpu, steps_of_a_lane
 from kreisel.method.scheme import Scheme
 from kreisel.runs.planning import make_plan
 

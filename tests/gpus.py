@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.graph.llvm import Function
 from kreisel.graph.machine import Kernel, kernel
-from kreisel.graph.ptx import Body
+from kreisel.kernels.gpu import Body
 
 
 def here(key: Sequence[Any], arguments: int, body: Body) -> Kernel:

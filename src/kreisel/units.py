@@ -13,8 +13,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, explained, shown
-from kreisel.record.body_frame import OF_SYSTEM
-from kreisel.record.quantities import Scale, Scales, converted, parsed_unit, registry, si
+from kreisel.record.units import OF_SYSTEM, Scale, Scales, converted, parsed_unit, registry, si
 from kreisel.runs.in_si import in_units, is_in_si
 from kreisel.runs.run_record import frame_of
 

@@ -23,8 +23,8 @@ from kreisel.graph import graph as operations
 from kreisel.graph import machine
 from kreisel.graph.arranging import arranged, pulled, pushed
 from kreisel.graph.graph import Graph, evaluated, fma, if_positive, maximum, repeated, where_less
-from kreisel.graph.ptx import ptx
 from kreisel.kernels import gpu
+from kreisel.kernels.gpu import ptx
 from kreisel.method import scheme
 from kreisel.runs.planning import make_plan
 from support import compiled_outputs
@@ -417,11 +417,11 @@ MUTANTS = [
     Mutant("large", LARGE + "times", "(x[i], x.beyond(start)", "(x[0], x.beyond(start)"),
     Mutant("large", LARGE + "_renew", "builder.fneg(entry)", "entry"),
     # GPUs
-    Mutant("gpu", "graph.ptx:Column.__getitem__", "self._lanes * i + self._lane", "self._lane * i + self._lanes"),
-    Mutant("gpu", "graph.ptx:Column.beyond", "self._lanes * i", "i"),
+    Mutant("gpu", "kernels.gpu:Column.__getitem__", "self._lanes * i + self._lane", "self._lane * i + self._lanes"),
+    Mutant("gpu", "kernels.gpu:Column.beyond", "self._lanes * i", "i"),
     Mutant("gpu", "kernels.gpu:steps_of_a_lane", 's.beyond(stage * record.count("s"))', "s"),
-    Mutant("ptx", "graph.ptx:_Thread.lane", "block * size + thread", "block * thread + size"),
-    Mutant("ptx", "graph.ptx:ptx", 'lane.compared("<", f.arguments[-1])', 'lane.compared("==", lane)'),
+    Mutant("ptx", "kernels.gpu:_Thread.lane", "block * size + thread", "block * thread + size"),
+    Mutant("ptx", "kernels.gpu:ptx", 'lane.compared("<", f.arguments[-1])', 'lane.compared("==", lane)'),
 ]
 
 

@@ -27,7 +27,7 @@ def test_the_libraries_choose_other_code() -> None:
     code = (
         "from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__\n"
         "from kreisel.graph.machine import register_width\n"
-        "from kreisel.kernels.threads import thread_count\n"
+        "from kreisel.kernels.layout import thread_count\n"
         "print(any(__cpu_features__[name] for name in __cpu_dispatch__), register_width(),"
         " thread_count())"
     )

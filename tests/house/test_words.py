@@ -47,7 +47,7 @@ OF_A_STEP = {  # the record `Part`: a function that kernels call in order
     ("graph/recording.py", "part"),
     ("kernels/adjoint.py", "part"),
     ("kernels/cpu.py", "part"),
-    ("kernels/jax_primitives.py", "part"),
+    ("kernels/jax_numbers.py", "part"),
     ("kernels/large/forms.py", "part"),
 }
 ARCHIVES = {(f"{name}.py", "part") for name in ("storage/archive", "storage/run_archive", "sweeps/store")}  # NAME.part

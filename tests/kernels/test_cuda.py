@@ -14,9 +14,9 @@ import kreisel as kr
 from gpus import Here, here
 from kreisel.graph.graph import Graph
 from kreisel.graph.llvm import Function, Integer
-from kreisel.graph.ptx import Body, Column, ptx
 from kreisel.graph.recording import flat_constants, flat_stages
 from kreisel.kernels import gpu
+from kreisel.kernels.gpu import Body, Column, ptx
 from kreisel.method import scheme
 from kreisel.runs.planning import make_plan
 

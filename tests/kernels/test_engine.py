@@ -14,7 +14,7 @@ from kreisel import algebra
 from kreisel.graph import recording
 from kreisel.graph.graph import TooLong
 from kreisel.graph.recording import Recording, flat_constants
-from kreisel.kernels import cpu, threads
+from kreisel.kernels import cpu, layout
 from kreisel.kernels.cpu import compiled_rate
 from kreisel.lab import exact
 from kreisel.method import Scheme, scheme
@@ -144,7 +144,7 @@ def test_lane_equals_single_run_bitwise(name: str, method: str, order: int, n: i
     assert (together[:, -1] == alone[:, 0]).all()
     threaded = np.empty_like(together)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(threads, "LEAST_WORK", 1)
+        patch.setattr(layout, "LEAST_WORK", 1)
         other = cpu_engine(plan, rows)
         other.advance(threaded, 7)
     assert (threaded == together).all()
@@ -172,10 +172,10 @@ def test_zero_lanes_are_no_work() -> None:
 @pytest.mark.parametrize(("lanes", "many"), [(1, 2), (2, 2), (71, 2), (1000, 3), (64 * 64, 2)])
 def test_shares_are_all_the_lanes_once(lanes: int, many: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KREISEL_NUM_THREADS", str(many))
-    shares = list(threads.shares(lanes, many * threads.LEAST_WORK))
+    shares = list(layout.shares(lanes, many * layout.LEAST_WORK))
     assert [lane for first, last in shares for lane in range(first, last)] == list(range(lanes))
     assert len(shares) >= min(many, lanes)
-    assert len(list(threads.shares(lanes, 2 * threads.LEAST_WORK - 1))) == 1
+    assert len(list(layout.shares(lanes, 2 * layout.LEAST_WORK - 1))) == 1
 
 
 def test_folding_leaves_the_bits(monkeypatch: pytest.MonkeyPatch) -> None:

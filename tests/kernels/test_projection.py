@@ -19,9 +19,9 @@ from kreisel.graph.graph import TooLong
 from kreisel.graph.invariants import gradients, program_of
 from kreisel.graph.project import CompiledProjection
 from kreisel.graph.recording import flat_constants
-from kreisel.kernels.projection import corrections, traced
-from kreisel.kernels.projection.arrays import Observed
-from kreisel.kernels.projection.traced import Traced, gradient
+from kreisel.kernels import traced
+from kreisel.kernels.projection import Observed
+from kreisel.kernels.traced import Traced, gradient
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
 from kreisel.method.observing import held_by_orientation
@@ -46,7 +46,7 @@ CASES = [
 @pytest.fixture
 def often(monkeypatch: pytest.MonkeyPatch) -> int:
     """K = 100, so that short runs are projected."""
-    for module in ("cpu", "projection.arrays"):
+    for module in ("cpu", "projection"):
         monkeypatch.setattr(f"kreisel.kernels.{module}.interval", lambda cost, work, most=0: 100)
     return 100
 
@@ -155,7 +155,7 @@ def test_a_projection_written_out_is_that_of_its_program(
 ) -> None:
     """The bits are those of the loops that go through any program."""
     options: dict[str, Any] = {"orientation": None if orientation is None else np.eye(3)}
-    monkeypatch.setattr("kreisel.graph.project.GAIN_STRAIGHT", corrections.GAIN)
+    monkeypatch.setattr("kreisel.graph.project.GAIN_STRAIGHT", project.GAIN)
     out = projected(name, n, method, lanes, **options)
     monkeypatch.setattr("kreisel.graph.invariants.MOST_STRAIGHT", 0)
     through = projected(name, n, method, lanes, **options)
@@ -247,7 +247,7 @@ def test_an_invariant_whose_gradient_vanishes() -> None:
 
 def test_mutant_of_the_lead(monkeypatch: pytest.MonkeyPatch) -> None:
     """Back to the values at the start and no further."""
-    for name in ("graph.project.GAIN_STRAIGHT", "kernels.projection.arrays.GAIN"):
+    for name in ("graph.project.GAIN_STRAIGHT", "kernels.projection.GAIN"):
         monkeypatch.setattr(f"kreisel.{name}", 0.0)
     for n, engine in ((3, "cpu"), (12, "large")):
         found = drifting(random_plan("lagrange-top", n, "suris", 1, engine=engine))
@@ -731,10 +731,10 @@ def test_the_correction_is_stored_and_shown(often: int, top: Any, x0: Any, tmp_p
 
 
 def test_the_interval_is_a_small_share(top: Any) -> None:
-    assert corrections.interval(1, 10) == 10
-    assert corrections.interval(12, 10) == 125
-    assert corrections.interval(1200, 50) == 2500
-    assert all(10**9 % k == 0 for k in corrections.INTERVALS if k < 10**5)
+    assert project.interval(1, 10) == 10
+    assert project.interval(12, 10) == 125
+    assert project.interval(1200, 50) == 2500
+    assert all(10**9 % k == 0 for k in project.INTERVALS if k < 10**5)
 
 
 @pytest.mark.parametrize("name", ["euler-top", *["lagrange-top"] * FULL])

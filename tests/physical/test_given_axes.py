@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 import kreisel as kr
 from kreisel import analysis, units
 from kreisel.physical import Asteroid, Ellipsoid, FreeBody, Gyroscope, HeavyBody, Orbit, Satellite, SubmergedBody
-from kreisel.record.body_frame import BodyFrame
+from kreisel.record.units import BodyFrame
 from kreisel.viewer.bodies import Body
 from kreisel.viewer.scene import scene
 from support import cross, rotation_matrix

@@ -23,9 +23,9 @@ from kreisel.analysis.observations import ATTITUDE, Observations, Unknown, obser
 from kreisel.errors import AccuracyWarning, InputError, RunError, doubt, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import AXES
 from kreisel.record.calling import keywords
 from kreisel.record.model import Model, State
+from kreisel.record.units import AXES
 from kreisel.runs.differentiable import attitude_near, constants_of, differentiable
 from kreisel.runs.in_si import letters_of, observations_of, scaled
 from kreisel.runs.settings import check_model, checked_state, initial_orientation, positive_number, within

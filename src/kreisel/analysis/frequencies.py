@@ -28,9 +28,9 @@ from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
+from kreisel.record.units import BodyFrame
 from kreisel.runs import harmonics
 from kreisel.runs.in_si import scaled
 from kreisel.runs.propagation.propagator import propagator

@@ -18,9 +18,9 @@ from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.process import SPENT
 from kreisel.record.body import as_body
-from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.contract import Map
 from kreisel.record.model import Model
+from kreisel.record.units import OF_SYSTEM, BodyFrame
 from kreisel.runs.drift import all_series
 from kreisel.runs.in_si import duration
 from kreisel.runs.run_record import RunRecord

@@ -14,12 +14,11 @@ from kreisel.algebra import Array
 from kreisel.analysis.quantities import parse_quantity
 from kreisel.errors import InputError, hint, shown
 from kreisel.method.observing import ORIENTATION, as_matrix, functions, with_orientation
-from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM, STATE
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
-from kreisel.record.quantities import si, stated_unit
+from kreisel.record.units import AXES, BODY, OF_SYSTEM, STATE, si, stated_unit
 
 SIGMA = "sigma_"
 VELOCITY = "Omega"

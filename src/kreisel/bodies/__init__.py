@@ -14,8 +14,8 @@ from kreisel.system import REGISTRY, Records
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from kreisel.record.body_frame import BodyFrame
     from kreisel.record.contract import System
+    from kreisel.record.units import BodyFrame
 
 __all__ = ["BODIES", "KNOWN", "find", "known_system"]
 

@@ -50,9 +50,9 @@ from kreisel.bodies.satellite import check_moments, harmonics_3, harmonics_4
 from kreisel.exact import kepler, rotor_step
 from kreisel.forces.product import block_diagonal
 from kreisel.forces.records import perturbed_record
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import ClosedForm, Parameter, PhaseSpace, System
 from kreisel.record.perturbation import Force, Perturbation
+from kreisel.record.units import BodyFrame
 
 FAR = 2.0**23  # m, the unit of R: R and V are then alike in size, as corrections of rounding errors assume
 G = 6.67430e-11  # m^3/(kg s^2), CODATA 2022

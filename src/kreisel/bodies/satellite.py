@@ -47,11 +47,11 @@ from kreisel.bodies.orbit import (
 )
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import naming
-from kreisel.record.checks import doubtful_angle, require_body
 from kreisel.record.contract import Checks, Parameter
 from kreisel.record.perturbation import Force, Perturbation
+from kreisel.record.units import BodyFrame
+from kreisel.record.values import doubtful_angle, require_body
 from kreisel.system import euler_top
 
 # -- the satellite ---------------------------------------------------------------------------------

@@ -26,9 +26,9 @@ from kreisel.algebra.invariants import trace
 from kreisel.bodies.orbit import expected
 from kreisel.errors import InputError
 from kreisel.forces.records import perturbed_record
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import Parameter
 from kreisel.record.perturbation import Force, Perturbation
+from kreisel.record.units import BodyFrame
 from kreisel.system import kirchhoff
 
 TINY = 1e-300  # so that |0| has a derivative

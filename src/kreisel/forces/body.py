@@ -24,12 +24,11 @@ from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record import table
 from kreisel.record.body import as_body
 from kreisel.record.calling import Portable, keywords, naming
-from kreisel.record.checks import require_body
 from kreisel.record.contract import Frame, Parameter, System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation, together
 from kreisel.record.table import Form, form_of, packed_of
-from kreisel.record.values import SKEW_TOLERANCE, axes_of, is_vector, numbers, require_one_reading
+from kreisel.record.values import SKEW_TOLERANCE, axes_of, is_vector, numbers, require_body, require_one_reading
 from kreisel.system import REGISTRY
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Scheme
 
-MOST_N, MOST_NODES = 10, 120_000  # beyond, `kreisel.kernels.projection.arrays`: recording needs seconds
+MOST_N, MOST_NODES = 10, 120_000  # beyond, `kreisel.kernels.projection`: recording needs seconds
 MOST_STRAIGHT = 28_000  # instructions of a projection that is written out; it is then compiled in less than 2 s
 STRAIGHT = 0.3  # of the time of a multiplication that one of them needs
 MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invariants are left out

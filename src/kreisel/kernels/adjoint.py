@@ -19,8 +19,7 @@ from kreisel.graph.graph import APPLIED, BRANCH, Graph, Number, Operand, array_o
 from kreisel.graph.llvm import DOUBLE, Function, Integer, Memory, Value, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.graph.recording import as_operands
-from kreisel.kernels.layout import Floats
-from kreisel.kernels.threads import on_threads
+from kreisel.kernels.layout import Floats, on_threads
 
 MOST_NODES = 8000  # of a stage, arranged; the transpose of 6100, a binary with tides and the Sun: 12 s, by XLA > 500 s
 SCALAR = 4  # operations on lanes in the time of one of a scalar

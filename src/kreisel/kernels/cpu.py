@@ -3,7 +3,7 @@
 Up to n = 10, if it is not too long, the record is a graph of scalars; beyond, the definition runs on arrays, one lane
 after the other, except for the forms of `kreisel.kernels.large`.  An ensemble runs on vectors of lanes
 (`kreisel.kernels.steps`); lane i has the bits of a single run.  Shares of the lanes go to threads
-(`kreisel.kernels.threads`).
+(`kreisel.kernels.layout`).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from kreisel.algebra.reuse import reused
 from kreisel.graph.graph import Graph, Operand, TooLong, depending, where_less
 from kreisel.graph.invariants import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
 from kreisel.graph.llvm import Function, Lanes, kind_of
-from kreisel.graph.machine import Kernel, address_of, kernel, register_width
-from kreisel.graph.project import WIDE, CompiledProjection, compiled
+from kreisel.graph.machine import Kernel, Link, address_of, kernel, register_width
+from kreisel.graph.project import ALONE, WIDE, CompiledProjection, Corrections, compiled, interval
 from kreisel.graph.recording import (
     Recording,
     count_of,
@@ -33,12 +33,9 @@ from kreisel.graph.recording import (
     recorded_outputs,
     special_constants,
 )
-from kreisel.kernels.chain import Link
-from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.projection import arrays
-from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
+from kreisel.kernels import projection
+from kreisel.kernels.layout import Floats, Look, no_look, on_threads
 from kreisel.kernels.steps import FRAME, Steps, compiled_steps, outputs_by_rows
-from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import SPINS, Scheme
 
 if TYPE_CHECKING:
@@ -200,7 +197,7 @@ class CpuEngine(SteppedEngine):
     def _project(self) -> Floats:
         if self._between is not None:
             self._between.apply()
-            arrays.orthogonal(self.scheme, self.z)
+            projection.orthogonal(self.scheme, self.z)
         return self.z
 
     def _frame(self, first: int) -> int:
@@ -317,11 +314,11 @@ def projection_between(engine: SteppedEngine, work: float, arrays_only: bool = F
     Constants are the rows of the engine, which it may change, unless the invariants need a basis too.
     """
     scheme, z, constants, columns = engine.scheme, engine.z, engine.constants, engine.columns
-    if scheme.n > (arrays.MOST_N if scheme.conserved is None else MOST_LARGE_N):
+    if scheme.n > (projection.MOST_N if scheme.conserved is None else MOST_LARGE_N):
         return None
-    observed = arrays.Observed(scheme, z)
+    observed = projection.Observed(scheme, z)
     by_arrays = observed.function is scheme.observe
-    if by_arrays and scheme.n > arrays.MOST_N:
+    if by_arrays and scheme.n > projection.MOST_N:
         return None
     short = observed.size <= 2 * scheme.n and sum(map(len, observed.members.values())) <= FEW
     if not (by_arrays and (arrays_only or (scheme.n > MOST_N and not short))):
@@ -334,12 +331,12 @@ def projection_between(engine: SteppedEngine, work: float, arrays_only: bool = F
             return CompiledProjection([program], compiled([program], width), every, z, constants, width)
         if not too_long:
             return None
-    result = arrays.ArrayProjection(observed, work) if by_arrays else None
+    result = projection.ArrayProjection(observed, work) if by_arrays else None
     return result if result and result.labels else None
 
 
 def _program_between(
-    scheme: Scheme, columns: Mapping[str, slice], observed: arrays.Observed
+    scheme: Scheme, columns: Mapping[str, slice], observed: projection.Observed
 ) -> tuple[Program | None, bool]:
     """The invariants on recorded scalars, None if there are none, and whether there would be too many lines."""
     members = tuple((name, tuple(chosen)) for name, chosen in observed.members.items())

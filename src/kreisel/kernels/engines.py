@@ -16,8 +16,8 @@ from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.method.scheme import CoupledSteps, Flow, JaxSteps, Numbers, Orbits, Scheme, Steps
 
 if TYPE_CHECKING:
+    from kreisel.graph.project import Corrections
     from kreisel.kernels.large.forms import LargeForm
-    from kreisel.kernels.projection.corrections import Corrections
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 

@@ -6,7 +6,7 @@ and quaternion follow its left-hand rule; so a step is the same in every engine,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -15,14 +15,16 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import SECOND, THIRD, Array
+from kreisel.algebra.iteration import times
 from kreisel.exact import rotor_step
+from kreisel.graph.double import DoubleDouble, upper
 from kreisel.graph.graph import where_less
-from kreisel.kernels.exact import body as free
 from kreisel.languages.writer import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values
 
 NEAR, TINY = 1e-6, 1e-36  # of `rotor_step`, for 32 bits
 HELD = {"was": Field(3, "written by step and hold"), "kept": Field(4, "written by step and hold")}
 Step = Callable[[Values, Values], dict[str, Any]]
+SWEEPS = 6  # of Jacobi: the last does not change a double
 CLOSE = 1 + 1e-6  # I_i <= I_j + I_k, up to the rounding of measured moments
 MOMENTS = "principal moments of inertia"
 MESSAGES = (
@@ -38,6 +40,51 @@ A step is accurate to rounding if `reach` is at most 1, {reach} radians at the m
 hold: energy and |M|, which rounding changes by 1e-17 of them a step, as they were after your last change of M.{hold}
 principal: moments I and principal axes of an inertia tensor T = (xx, yy, zz, yz, zx, xy) in other axes of the body.
 set_motion, get_motion: orientation q of those axes and angular velocity w in space, from and to the state."""
+
+
+def held(
+    M: Array, inverse: Array, first: Any, kept: Sequence[Any], *, near: float, tiny: float
+) -> tuple[Array, list[Any]]:
+    """M with |M|^2 and M . I^-1 M moved to their kept values, and these: two numbers each, a sum.
+
+    If `first` is negative, they are taken from M.  The corrections are in double-doubles.
+    """
+    squares = [DoubleDouble(x) * x for x in M]
+    now = [squares[0] + squares[1] + squares[2], sum((x * v for x, v in zip(squares, inverse, strict=True)), 0.0)]
+    before = [
+        DoubleDouble.where_less(first, 0.0, value, DoubleDouble(*pair))
+        for value, pair in zip(now, (kept[:2], kept[2:]), strict=True)
+    ]
+    square, energy = (upper(old - new) for old, new in zip(before, now, strict=True))
+    share = 1 / (upper(before[0]) + tiny)
+    power = algebra.dot(M, inverse * M)
+    M = rotor_step.corrected(M, share, power, square, energy - power * share * square, inverse, near=near, tiny=tiny)
+    return M, [x for pair in before for x in (pair.upper, pair.lower)]
+
+
+def principal_axes(T: Sequence[Any], tiny: float = rotor_step.TINY) -> dict[str, Array]:
+    """Moments I (3,) and axes, a unit quaternion (4,), of a tensor (xx, yy, zz, yz, zx, xy); nearest to its own axes.
+
+    Jacobi's rotations in a fixed number, on scalars of any kind.  The rotation about axis r by phi, tan phi = t, is the
+    quaternion (1 + cos phi, -sin phi e_r) of any length; `tiny` keeps 0/0 away.
+    """
+
+    def swept(x: list[Any]) -> list[Any]:
+        d, o, q = x[:3], x[3:6], algebra.objects(x[6:])
+        for r, p, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            gap = d[s] - d[p]
+            size = abs(gap) + (gap * gap + 4 * o[r] * o[r] + tiny).sqrt()
+            t = where_less(gap, 0.0, -2.0, 2.0) * o[r] / size
+            cos = 1 / (1 + t * t).sqrt()
+            sin = t * cos
+            d[p], d[s] = d[p] - t * o[r], d[s] + t * o[r]
+            o[r], o[s], o[p] = 0.0 * o[r], cos * o[s] - sin * o[p], sin * o[s] + cos * o[p]
+            turn = [1 + cos, *(-sin if k == r else 0.0 for k in range(3))]
+            q = algebra.quaternion_product(q, algebra.objects(turn)) * 0.5
+        return [*d, *o, *q]
+
+    x = times(swept, [*T, 1.0, 0.0, 0.0, 0.0], SWEEPS)
+    return {"I": algebra.objects(x[:3]), "axes": algebra.unit(algebra.objects(x[6:]))}
 
 
 def check(dt: Any, pairs: Iterable[tuple[Any, Any]]) -> Any:
@@ -57,7 +104,7 @@ def check_moments(I: Array, dt: Any, most: float = CLOSE) -> Any:  # noqa: E741
 def hold(c: Values, s: Values, near: float = rotor_step.NEAR, tiny: float = rotor_step.TINY) -> dict[str, Any]:
     """M with both integrals of the first step since M was changed from outside; was: the M of the last step."""
     inverse = c["inverse"] if "inverse" in c else c["c"][[5, 2, 1]]
-    M, kept = free.held(s["M"], inverse, _noted(s), s["kept"], near=near, tiny=tiny)
+    M, kept = held(s["M"], inverse, _noted(s), s["kept"], near=near, tiny=tiny)
     return {"s.M": M, "s.was": M, "s.kept": kept}
 
 
@@ -95,7 +142,7 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool 
     """The contents of its file, with these default values; `units`: "" for any consistent ones."""
     four = ("array", 4)
     few: dict[str, Any] = {"nodes": 6, "orders": 6, "tiny": TINY, "restore": False} if single else {}
-    principal = partial(free.principal_axes, tiny=TINY if single else rotor_step.TINY)
+    principal = partial(principal_axes, tiny=TINY if single else rotor_step.TINY)
     arguments = {"I": ("array", 3), "dt": ("number", 0)}
     head = HEAD.format(reach=rotor_step.MOST_TURN, hold="  In numbers of 32 bits step does it." if single else "")
     return Body(

@@ -1,25 +1,49 @@
-"""kr.code: one short file of another language with the step of a body, from the recorded step of the kernels."""
+"""kr.code: one short file of another language with the step of a body, from the recorded step of the kernels.
+
+The free body is in closed form; any other method is its scheme, made with a recorded number for dt.
+"""
 
 from __future__ import annotations
 
+import copy
 import importlib.metadata
+import math
 import re
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from kreisel import algebra
+from kreisel.algebra import SECOND, THIRD, Array
+from kreisel.algebra.recorded import NotRecorded
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, require_one_of, shown
-from kreisel.languages.bodies import CONVENTIONS, Convention, free_body
+from kreisel.graph.arranging import Rolled
+from kreisel.graph.graph import Graph
+from kreisel.languages.bodies import (
+    CONVENTIONS,
+    HELD,
+    MESSAGES,
+    MOMENTS,
+    Convention,
+    check,
+    check_moments,
+    free_body,
+    watched,
+)
 from kreisel.languages.dialects import LANGUAGES
-from kreisel.languages.schemes import Stepped
-from kreisel.languages.writer import Body, Field, assembled
-from kreisel.method.scheme import Orbits
+from kreisel.languages.writer import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values, assembled, numbers_of
+from kreisel.method import find
+from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import Orbits, Scheme, Steps
+from kreisel.method.splitting import closed_form
 from kreisel.record.body import as_body
 from kreisel.record.calling import call
 from kreisel.record.table import require_none
 from kreisel.runs.examples import example
+from kreisel.runs.plan import Plan
 from kreisel.runs.planning import make_plan
 from kreisel.runs.settings import check_model
 
@@ -28,7 +52,262 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike, StateLike
     from kreisel.runs.plan import Plan
 
+
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
+DEFECT = "defect"
+MOST = 10
+ORBIT = "The constants belong to the orbit of the initial state: from another one the step is another map."
+POSITIVE = ("the parameters are finite, and positive where they have to be", MESSAGES[-1])
+
+
+class Stepped:
+    """The functions of a plan of one trajectory.
+
+    variable   the scheme with a recorded dt; if it is `fitted`, its constants belong to the orbit of the initial state
+    orbit      constants of the trajectory that a function of the file computes from the state: name -> count
+    kinds      of the components; the user's form of a skew matrix is an axial vector for n = 3
+    """
+
+    def __init__(self, plan: Plan, single: bool = False):
+        _require_steps(plan)
+        self.model, self.fixed, self.plan = plan.model, plan.scheme, plan
+        self.by_moments = self.model.system.name == "euler-top" and self.model.n == 3
+        self.stages = self.fixed.stage_count
+        self.held = single and self.by_moments and self.stages == 1
+        self.letters = [name for name, o in self.fixed.outcomes.items() if o.kind in ("state", "orientation")]
+        self.kinds = {name: algebra.KINDS[kind] for name, kind in self.fixed.components}
+        recorded = self._recorded(Graph().input("dt", 0))
+        self.fitted, self.variable = recorded is None, recorded or self.fixed
+        phi = None if self.fitted or self.variable.trajectory is None else self.model.map
+        self.turning = None if phi is None else phi.trajectory
+        new = sorted({*self.fixed.stages} - {*self.variable.stages})
+        self.orbit = {} if self.turning is None else dict.fromkeys(new, self.stages)
+
+    def _recorded(self, dt: Any, constants: Values = MappingProxyType({})) -> Scheme | None:
+        fixed, model = self.fixed, copy.copy(self.model)
+        model.constants = {**model.constants, **constants}
+        if isinstance(fixed.motion, Orbits):
+            return fixed
+        oriented = ORIENTATION in dict(fixed.components)
+        graph, shapes = Graph(), {k: np.shape(v) for k, v in self.model.params.items()}
+        try:
+            self._derived({k: np.reshape(graph.inputs(k, math.prod(shape)), shape)[()] for k, shape in shapes.items()})
+            scheme = find(fixed.name).make(model, dt, fixed.options.get("order"), oriented)
+        except (TypeError, AttributeError, NotRecorded, InputError):
+            return None
+        usable = scheme.trajectory is None or (fixed.name == "veselov" and isinstance(scheme.motion, Steps))
+        return scheme if usable else None
+
+    def _derived(self, parameters: Values) -> Values:
+        derive = self.model.system.derive
+        return {} if derive is None else call(derive, (), parameters)
+
+    def scheme(self, c: Values) -> Scheme:
+        """With dt and parameters among the constants of the file."""
+        if self.fitted:
+            return self.fixed
+        constants = self._constants(c)
+        return self._recorded(c["dt"], {k: constants[k] for k in self.model.constants if k in constants}) or self.fixed
+
+    @property
+    def parameters(self) -> dict[str, Field]:
+        """Parameters of the system, and dt; none if the constants belong to an orbit."""
+        if self.fitted:
+            return {}
+        params, meanings = self.model.params, {p.letter: p.meaning for p in self.model.system.parameters}
+        fields = {k: _field(params[k], meanings[k]) for k in meanings if k in params and k not in self._tables}
+        if self.by_moments:
+            fields = {"I": _field(params["J"][SECOND] + params["J"][THIRD], MOMENTS)}
+        return {**fields, "dt": Field(0, "time step", self.plan.dt)}
+
+    @cached_property
+    def _values(self) -> dict[str, Any]:
+        stages = {k: v for k, v in self.variable.stages.items() if k not in self.orbit}
+        values = {**self.variable.constants, **(self.variable.basis if self.fitted else {}), **stages}
+        return {k: v for k, v in values.items() if k not in self._tables}
+
+    @cached_property
+    def _tables(self) -> dict[str, Array]:
+        """The empty tables of the model, which has no others; a file has none."""
+        letters = [p.letter for p in self.model.system.parameters if p.kind == "table"]
+        return {k: self.model.constants[k] for k in letters}
+
+    @property
+    def constants(self) -> dict[str, Field]:
+        """All that a step reads, and dt."""
+        fields = {k: _field(v, stage=k in self.variable.stages) for k, v in self._values.items()}
+        return {**fields, "dt": Field(0)}
+
+    def prepare(self, **parameters: Any) -> dict[str, Any]:
+        """The constants from the parameters."""
+        values = {**self._values, "dt": self.plan.dt}
+        if not self.fitted:
+            dt = parameters.pop("dt")
+            if self.by_moments:
+                I = parameters.pop("I")  # noqa: E741
+                parameters["J"] = 0.5 * (I[SECOND] + I[THIRD] - I)
+            scheme: Any = self._recorded(dt)
+            shaped = {k: np.reshape(v, np.shape(self.model.params[k])) for k, v in parameters.items()}
+            values = {**scheme.constants, **scheme.stages, **shaped, **self._derived(shaped), "dt": dt}
+        return {f"c.{name}": values[name] for name in self.constants}
+
+    def check(self, dt: Any, **parameters: Any) -> Any:
+        """The status: 0, or the place of a message."""
+        if self.by_moments:
+            return check_moments(parameters["I"], dt, most=1.0)
+        positive = {p.letter for p in self.model.system.parameters if p.positive}
+        entries = [(x, name in positive) for name, value in parameters.items() for x in np.ravel(value)]
+        return check(dt, [pair for x, above in entries for pair in [(0.0, x)] * above + [(abs(x), HUGE)]])
+
+    def _constants(self, c: Values, stage: bool = False) -> dict[str, Any]:
+        stages = self.variable.stages
+        shapes = {k: np.shape(v)[k in stages :] for k, v in self._values.items() if stage or k not in stages}
+        values = {k: np.reshape(np.asarray(c[k], dtype=object), shape)[()] for k, shape in shapes.items()}
+        graph = c["dt"].graph
+        for name, table in self._tables.items():  # inputs, so that operations are fused as they are in the kernel
+            values[name] = graph.inputs(name, table.size).reshape(table.shape)
+            graph.values.update({(name, i): x for i, x in enumerate(table.ravel().tolist())})
+        return values
+
+    @property
+    def state(self) -> dict[str, Field]:
+        """The variables of the method, in the user's form."""
+        outcomes, n = self.fixed.outcomes, self.model.n
+        meanings = {name: outcomes[name].meaning if name in outcomes else "" for name in self.kinds}
+        fields = {k: Field(kind.count(n), meanings[k]) for k, kind in self.kinds.items() if k != DEFECT}
+        return {**fields, **(HELD if self.held else {}), **{k: Field(self.stages, stage=1) for k in self.orbit}}
+
+    def _inside(self, s: Values) -> tuple[Any, ...]:
+        n = self.model.n
+        return tuple(
+            kind.from_user(kind.shown(n).unpack(s[k], n), n) if k in s else 0.0 for k, kind in self.kinds.items()
+        )
+
+    def _entries(self, name: str, value: Any) -> Any:
+        kind = self.kinds[name]
+        return kind.shown(self.model.n).pack(kind.for_user(value))
+
+    def _outside(self, z: tuple[Any, ...]) -> dict[str, Any]:
+        return {f"s.{k}": self._entries(k, value) for k, value in zip(self.kinds, z, strict=False) if k != DEFECT}
+
+    def step(self, c: Values, s: Values) -> dict[str, Any]:
+        """A step, or a stage of one."""
+        return watched(self._moved, True, c, s) if self.held else self._moved(c, s)
+
+    def _moved(self, c: Values, s: Values) -> dict[str, Any]:
+        constants = {**self._constants(c, True), **{name: s[name][0] for name in self.orbit}}
+        motion: Any = self.scheme(c).motion
+        if isinstance(motion, Orbits):
+            z, count = self._inside(s), len(self.model.system.space.letters)
+            closed: Any = closed_form(self.model.system, self.model.n)
+            state, g = closed.move(z[:count], z[count:], c["dt"], constants)
+            return self._outside((*state, *g))
+        return self._outside(motion.step(*self._inside(s), **constants))
+
+    def close(self, c: Values, s: Values) -> dict[str, Any]:
+        """The end of a step that has stages."""
+        motion: Any = self.scheme(c).motion
+        return self._outside(motion.close(*self._inside(s), **self._constants(c)))
+
+    def begin(self, c: Values, s: Values) -> dict[str, Any]:
+        """The variables of the method from a user's state, and the constants of the trajectory."""
+        x = tuple(z for z, name in zip(self._inside(s), self.kinds, strict=True) if name in self.letters)
+        out = self._outside(self.scheme(c).reopen(x))
+        if self.turning is not None:
+            state, constants = x[: len(self.model.system.space.letters)], self._constants(c)
+            (name,) = self.orbit
+            out[f"s.{name}"] = np.stack([call(self.turning, state, {**constants, "eps": eps}) for eps in c["eps"]])
+        return out
+
+    def observe(self, c: Values, s: Values) -> dict[str, Any]:
+        """The state of the user, if the method steps other variables, and energies."""
+        values = self.scheme(c).observe(self._inside(s), None, **self._constants(c))
+        energies = {k: np.ravel(np.asarray(v, dtype=object)) for k, v in values.items() if k.startswith("energy")}
+        return {k: self._entries(k, values[k]) for k in self.kinds if self.begins and k in values} | energies
+
+    def body(self) -> Body:
+        """The contents of the file."""
+        arguments = {k: ("array" if f.count else "number", f.count) for k, f in self.parameters.items()}
+        closes = isinstance(self.fixed.motion, Steps) and self.fixed.motion.close is not None
+        staged, names = self.stages > 1 or closes, self._names()
+        functions = [
+            *([Function("check", self.check, arguments, "status")] if arguments else []),
+            Function("prepare", self.prepare, {**NEW, **arguments}),
+            *([Function("begin", self.begin, CHANGED)] if self.begins or self.orbit else []),
+            Function("stage" if staged else "step", self.step, CHANGED | ({"k": ("index", 0)} if staged else {})),
+            *([Function("close", self.close, CHANGED)] if closes else []),
+            *([Function("observe", self._observed, {**READ, "out": ("out", len(names))})] if names else []),
+        ]
+        first = dict(zip(self.kinds, algebra.restore(self.plan.first[0], self.fixed.kinds, self.model.n), strict=True))
+        first |= {name: np.asarray(self.plan.start[name]) for name in self.kinds if name in self.letters}
+        return Body(
+            head=_head(self, names),
+            parameters=self.parameters,
+            constants=self.constants,
+            state=self.state,
+            functions=functions,
+            messages=(MESSAGES if self.by_moments else POSITIVE) if arguments else (),
+            start={k.removeprefix("s."): np.ravel(v) for k, v in self._outside((*first.values(),)).items()},
+            stages=self.stages if staged else 0,
+        )
+
+    def _observed(self, c: Values, s: Values) -> dict[str, Any]:
+        return {"out": np.concatenate([*self.observe(c, s).values()])}
+
+    def _inputs(self) -> tuple[Values, Values]:
+        graph = Rolled(tables=False)
+        return numbers_of(graph, "c", self.constants), numbers_of(graph, "s", self.state)
+
+    def _names(self) -> list[str]:
+        sizes = {name: len(value) for name, value in self.observe(*self._inputs()).items()}
+        return [f"{name}[{i}]" if size > 1 else name for name, size in sizes.items() for i in range(size)]
+
+    @cached_property
+    def begins(self) -> bool:
+        """Whether the variables of the method differ from the user's."""
+        c, s = self._inputs()
+        new = self.begin(c, s)
+        pairs = ((x, y) for k in self.letters for x, y in zip(np.ravel(s[k]), np.ravel(new[f"s.{k}"]), strict=True))
+        return any(getattr(y, "key", None) != x.key for x, y in pairs)
+
+
+def _field(value: Any, meaning: str = "", stage: bool = False) -> Field:
+    return Field(np.size(value) if np.ndim(value) else 0, meaning, value, np.size(value[0]) if stage else 0)
+
+
+def _require_steps(plan: Plan) -> None:
+    """Raises `InputError` unless a plan is of one trajectory, by a step that is straight-line code."""
+    scheme, model = plan.scheme, plan.model
+    if scheme.corrector is not None:
+        raise InputError(
+            f"code: expected a method that steps the state itself, got the order {scheme.options['order']}, whose "
+            "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
+        )
+    if model.n > MOST:
+        raise InputError(f"code: expected n <= {MOST}, got n = {model.n}. Longer steps are no straight-line code.")
+    closed = isinstance(scheme.motion, Orbits) and closed_form(model.system, model.n) is not None
+    if not (isinstance(scheme.motion, Steps) or closed) or plan.large is not None or scheme.coupling is not None:
+        raise InputError(
+            f"code: expected one body and a method that makes steps, got {scheme.name}. Give method='suris', "
+            "'baecklund', 'veselov', 'variational' or 'kahan'; bodies that act on each other have no file."
+        )
+
+
+def _head(stepped: Stepped, names: list[str]) -> list[str]:
+    plan, system = stepped.plan, stepped.model.system
+    method, order = find(stepped.fixed.name), stepped.fixed.options.get("order")
+    conserved = [n for n, o in plan.outcomes.items() if o.conserved]
+    constants = ", ".join(f"{k} = {np.asarray(v).tolist()}" for k, v in stepped.model.params.items())
+    return [
+        f"{system.title}: {system.equations}",
+        f"[{system.source}]",
+        f"Method {method.name}: {method.title}{'' if order is None else f', order {order}'}.",
+        f"It conserves {', '.join(conserved) or 'none of the outputs'}.  {system.scaling}",
+        "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; symmetric ones "
+        "those on and above it; g is a unit quaternion (w, x, y, z), body to space, or a matrix.",
+        f"Outputs: {', '.join(names)}.",
+        *([f"{constants}, dt = {plan.dt!r}.  {ORBIT}"] if stepped.fitted else []),
+    ]
 
 
 @explained

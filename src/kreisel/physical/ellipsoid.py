@@ -21,8 +21,8 @@ from kreisel.physical.measures import (
     si_numbers,
 )
 from kreisel.record.body import UPRIGHT, started
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
+from kreisel.record.units import BodyFrame
 from kreisel.system import REGISTRY
 
 

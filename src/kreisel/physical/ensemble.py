@@ -17,9 +17,8 @@ from kreisel.errors import InputError, explained, hint, shown
 from kreisel.physical.inertia import are_diagonals
 from kreisel.physical.measures import attitude_quaternion, in_range, si_number
 from kreisel.record.body import UPRIGHT, Body, joined
-from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scale, Scales, one_unit
+from kreisel.record.units import AXES, BODY, BodyFrame, Scale, Scales, one_unit
 from kreisel.record.values import is_vector
 from kreisel.runs.operations import operations_of
 

@@ -17,8 +17,8 @@ from kreisel.physical.control import Control, Wheels, at_the_start, controlled_b
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import finite_floats, si_numbers
 from kreisel.record.body import started
-from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
+from kreisel.record.values import CLOSE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

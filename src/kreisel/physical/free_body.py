@@ -18,9 +18,9 @@ from kreisel.physical.inertia import Principal, inertia_tensor, principal, requi
 from kreisel.physical.measures import convert_fields, direction, in_range, momentum_in_body, si_number, si_numbers
 from kreisel.physical.shapes import read_mesh
 from kreisel.record.body import UPRIGHT
-from kreisel.record.body_frame import BodyFrame
-from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
+from kreisel.record.units import BodyFrame
+from kreisel.record.values import CLOSE
 from kreisel.system import REGISTRY
 
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # arrays, for JAX

@@ -20,10 +20,9 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
-from kreisel.record.body_frame import BodyFrame
-from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import stated_unit
+from kreisel.record.units import BodyFrame, stated_unit
+from kreisel.record.values import CLOSE, require_body
 from kreisel.system import REGISTRY
 
 PIVOT = "transverse_moment not about the pivot: add mass lever^2"

@@ -23,9 +23,9 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
-from kreisel.record.body_frame import BodyFrame
-from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
+from kreisel.record.units import BodyFrame
+from kreisel.record.values import CLOSE, require_body
 from kreisel.system import REGISTRY
 
 LEAST = 1e-12  # of the quaternion of the least rotation

@@ -9,7 +9,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.physical.measures import in_range, si_numbers
-from kreisel.record.checks import CLOSE, require_body
+from kreisel.record.values import CLOSE, require_body
 
 
 def inertia_tensor(value: Any, name: str = "inertia", *cause: str) -> Array:

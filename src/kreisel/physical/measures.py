@@ -11,10 +11,8 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, floats
 from kreisel.errors import InputError, doubt, shown
-from kreisel.record.body_frame import AXES, BODY, BodyFrame
-from kreisel.record.checks import doubtful_angle
-from kreisel.record.quantities import si, stated_unit
-from kreisel.record.values import by_lane
+from kreisel.record.units import AXES, BODY, BodyFrame, si, stated_unit
+from kreisel.record.values import by_lane, doubtful_angle
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 

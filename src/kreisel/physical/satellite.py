@@ -21,8 +21,8 @@ from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
 from kreisel.physical.measures import attitude_quaternion, convert_fields, direction, in_range, si_number, si_numbers
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SATURN, SUN, Orbit
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
+from kreisel.record.units import BodyFrame
 from kreisel.runs.geometry import orientation_of, require_of_body
 from kreisel.runs.orbits import Angles, angles_of, axes_of_angles, environment_of
 

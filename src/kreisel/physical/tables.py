@@ -25,7 +25,7 @@ from kreisel.errors import Faults, InputError, hint, shown
 from kreisel.physical.ensemble import Varied
 from kreisel.record.body import Body
 from kreisel.record.model import State
-from kreisel.record.quantities import QUANTITY, si
+from kreisel.record.units import QUANTITY, si
 
 READERS = (physical.read_mesh, physical.read_robot)
 ABOUT_CENTRE = "about_centre"

@@ -13,7 +13,7 @@ from kreisel import algebra
 from kreisel.algebra.random import GENERATOR, streams_from
 from kreisel.errors import InputError, explained
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scales
+from kreisel.record.units import Scales
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 

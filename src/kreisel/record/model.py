@@ -16,9 +16,9 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity
 from kreisel.display import show
 from kreisel.errors import InputError, hint, shown
-from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.calling import Function, call, require_names
 from kreisel.record.table import handles
+from kreisel.record.units import OF_SYSTEM, BodyFrame
 from kreisel.record.values import (
     axes_of,
     by_lane,

@@ -23,11 +23,10 @@ from kreisel.errors import InputError, RunError, doubt, shown
 from kreisel.files import parsed
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM, STATE, BodyFrame, scaling, unchanged
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import FIELDS
-from kreisel.record.quantities import Scale
+from kreisel.record.units import AXES, BODY, OF_SYSTEM, STATE, BodyFrame, Scale, scaling, unchanged
 from kreisel.runs.run_record import CLOCKS, FORM, SI, RunRecord, frame_of, lanes_of
 from kreisel.runs.settings import Event, NamedComponents, checked_events, initial_orientation
 

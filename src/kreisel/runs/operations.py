@@ -30,11 +30,11 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.files import parsed
 from kreisel.graph.graph import Graph, Number, array_of
 from kreisel.method.observing import ORIENTATION
-from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, SECOND, TIME, Controller, Force
+from kreisel.record.units import OF_SYSTEM, BodyFrame
 
 if TYPE_CHECKING:
     from kreisel.runs.plan import Plan

@@ -13,7 +13,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
-from kreisel.kernels.chain import Chain
+from kreisel.graph.machine import Chain
 from kreisel.kernels.cpu import CpuEngine, point_links, points
 from kreisel.kernels.engines import Engine, Rows, corrections, engine_of
 from kreisel.kernels.layout import Floats

@@ -13,9 +13,9 @@ import numpy as np
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.files import parsed
-from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.model import Model
 from kreisel.record.perturbation import WITH_WHEELS
+from kreisel.record.units import OF_SYSTEM, BodyFrame
 from kreisel.runs.settings import count_of_rows
 
 if TYPE_CHECKING:

@@ -18,12 +18,11 @@ from kreisel.errors import InputError, doubt, explained, hint, require_one_of, s
 from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
 from kreisel.record.body import as_body
-from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM
-from kreisel.record.calling import Portable
+from kreisel.record.calling import Portable, require_functions
 from kreisel.record.contract import System
-from kreisel.record.functions import require_functions
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
+from kreisel.record.units import AXES, BODY, OF_SYSTEM
 from kreisel.record.values import by_lane
 
 ORTHOGONAL_TOLERANCE = 1e-9

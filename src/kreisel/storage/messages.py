@@ -29,8 +29,8 @@ from kreisel.algebra import Array
 from kreisel.bodies.orbit import EARTH
 from kreisel.errors import InputError, hint, shown
 from kreisel.files import require_file, written
-from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.contract import Frame
+from kreisel.record.units import AXES, BODY
 from kreisel.runs.geometry import attitude_of, model_for, orientation_of, velocity_of
 from kreisel.runs.in_si import VELOCITY, is_in_si
 from kreisel.runs.orbits import parameters_of, surroundings

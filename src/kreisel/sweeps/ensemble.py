@@ -34,11 +34,10 @@ from kreisel.method.auto import Choice
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import KINDS
 from kreisel.record.body import Body, joined
-from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import WITH_WHEELS
-from kreisel.record.quantities import in_base_units
+from kreisel.record.units import OF_SYSTEM, BodyFrame, in_base_units
 from kreisel.record.values import axes_of
 from kreisel.runs import harmonics
 from kreisel.runs.in_si import scaled, scaled_settings

@@ -8,8 +8,8 @@ from kreisel.algebra import act, dot, identity, pairing, wedge
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import CLEBSCH
-from kreisel.record.checks import distinct
 from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, named
+from kreisel.record.values import distinct
 
 
 def quotients(*, a, b):

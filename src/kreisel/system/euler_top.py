@@ -18,8 +18,8 @@ from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import MANAKOV, of_body
 from kreisel.errors import InputError
 from kreisel.implicit import branch, quartic
-from kreisel.record.checks import check_diagonal
 from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, Relation, System, implicit_map, named
+from kreisel.record.values import check_diagonal
 
 
 def sums(*, J):

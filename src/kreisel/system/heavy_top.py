@@ -8,8 +8,8 @@ Plus bracket, F' = {H, F}.  Not integrable in general.  [Suris 2001, section 4]
 import numpy as np
 
 from kreisel.algebra import act, coordinates, dot, identity, is_known_zero, pairing, skew, solve, wedge
-from kreisel.record.checks import check_mass_tensor
 from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
+from kreisel.record.values import check_mass_tensor
 
 
 def principal(*, J):

@@ -9,8 +9,8 @@ f' = k x z M_2 f, so that f = 0 stays.  Plus bracket, F' = {H, F}.  [Hess 1890; 
 import numpy as np
 
 from kreisel.algebra import act, axial, dot, hat, wedge
-from kreisel.record.checks import positive
 from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
+from kreisel.record.values import positive
 
 
 def body(*, a, k, x, z):

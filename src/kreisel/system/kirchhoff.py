@@ -5,8 +5,8 @@ for a body in a fluid B = -diag(1/(mass + added mass)).  Plus bracket, F' = {H, 
 """
 
 from kreisel.algebra import act, dot, pairing, wedge
-from kreisel.record.checks import off_diagonal
 from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
+from kreisel.record.values import off_diagonal
 
 
 def inverse_inertia(M, *, C):  # Omega_jk = c_jk M_jk

@@ -13,8 +13,8 @@ import numpy as np
 from kreisel.algebra import act, dot, identity, mat, pairing, project_out, solve, vec, wedge
 from kreisel.algebra.cayley import cayley, cayley_act, cayley_conjugate
 from kreisel.baecklund.kirchhoff_revolution import BAECKLUND
-from kreisel.record.checks import positive
 from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, kicked_map, named, pullback
+from kreisel.record.values import positive
 from kreisel.system import clebsch
 
 

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import act, axial, cross, dot
-from kreisel.record.checks import nonzero_vector
 from kreisel.record.contract import Checks, Relation
+from kreisel.record.values import nonzero_vector
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 

@@ -10,8 +10,8 @@ from kreisel.algebra.cayley import cayley_act, moebius
 from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import BAECKLUND, spin
-from kreisel.record.checks import nonzero_alpha, nonzero_vector
 from kreisel.record.contract import REST_SPACE, Checks, ClosedForm, Parameter, Relation, System, kicked_map, named
+from kreisel.record.values import nonzero_alpha, nonzero_vector
 
 
 def flow(m, a, *, p):  # (mLT right)   m' = a ^ p,   a' = m a

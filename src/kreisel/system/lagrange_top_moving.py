@@ -11,8 +11,8 @@ from kreisel.algebra.cayley import cayley, cayley_act, cayley_conjugate, moebius
 from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top_moving import BAECKLUND
-from kreisel.record.checks import nonzero_alpha, nonzero_vector
 from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System, named
+from kreisel.record.values import nonzero_alpha, nonzero_vector
 
 
 def inverse_inertia(M, *, A, alpha):  # Omega, (mLT operator inv)

@@ -7,8 +7,8 @@ Suris 2001, Introduction]
 from kreisel.algebra.invariants import metric_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import MANAKOV
-from kreisel.record.checks import distinct
 from kreisel.record.contract import FREE_SPACE, Parameter, System, named
+from kreisel.record.values import distinct
 from kreisel.system.clebsch_general import quotients
 from kreisel.system.euler_top import energy, flow, inverse_inertia
 

@@ -17,8 +17,8 @@ from kreisel.algebra import KINDS, bracket, dot, hat, holds_objects, identity, m
 from kreisel.algebra.cayley import cayley, cayley_conjugate
 from kreisel.algebra.invariants import trace_of_product
 from kreisel.algebra.skew import axial, coordinates, cross
-from kreisel.record.checks import positive
 from kreisel.record.contract import ADJOINT_SPACE, Parameter, System, kicked_map, named
+from kreisel.record.values import positive
 from kreisel.system import quadratic_field as general
 
 

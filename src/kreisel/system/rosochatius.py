@@ -13,9 +13,9 @@ import numpy as np
 from kreisel.algebra import dot, identity, sqrt, vec, wedge
 from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import diagonal
-from kreisel.record.checks import distinct, refused
 from kreisel.record.contract import Checks, Map, Parameter, System, named, pullback
 from kreisel.record.spheres import SPHERE_SPACE, random_on_sphere
+from kreisel.record.values import distinct, refused
 from kreisel.system import neumann, neumann_veselov
 
 nonzero = refused(

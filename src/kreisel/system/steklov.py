@@ -10,8 +10,8 @@ from dataclasses import replace
 from kreisel.algebra import SECOND, THIRD, hat, vec
 from kreisel.algebra.invariants import stack
 from kreisel.baecklund.steklov import axial_pairs
-from kreisel.record.checks import refused
 from kreisel.record.contract import Parameter, Relation
+from kreisel.record.values import refused
 from kreisel.system import kirchhoff_case, steklov_lyapunov
 
 

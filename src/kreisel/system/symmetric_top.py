@@ -10,8 +10,8 @@ from dataclasses import replace
 from kreisel.algebra import act, cayley_act, dot, identity, project_out, trace_log, wedge
 from kreisel.baecklund import lagrange_top as maps
 from kreisel.baecklund import lagrange_top_moving
-from kreisel.record.checks import nonzero_vector
 from kreisel.record.contract import MOVING_SPACE, ClosedForm, Parameter, Relation, System, kicked_map, named, pullback
+from kreisel.record.values import nonzero_vector
 from kreisel.system import lagrange_top
 
 

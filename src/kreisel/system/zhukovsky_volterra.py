@@ -15,8 +15,8 @@ H and the Casimir |M|^2 are complete.  Plus bracket, F' = {H, F}.  The Lax pair,
 
 from kreisel.algebra import SECOND, THIRD, axial, dot, hat, identity
 from kreisel.algebra.matrices import diagonal
-from kreisel.record.checks import check_positive_diagonal
 from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, System, named
+from kreisel.record.values import check_positive_diagonal
 
 
 def inverse_moments(*, J):

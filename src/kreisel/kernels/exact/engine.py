@@ -23,8 +23,7 @@ from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.graph.recording import recorded_function
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps, jumps_of
-from kreisel.kernels.layout import LANES, Floats, Look, no_look
-from kreisel.kernels.threads import on_threads
+from kreisel.kernels.layout import LANES, Floats, Look, no_look, on_threads
 from kreisel.method.scheme import Scheme, Spin
 from kreisel.record.contract import Orbit, States
 

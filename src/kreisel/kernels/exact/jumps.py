@@ -1,8 +1,8 @@
 """Flows, n = 3, from time 0 to any time at once: kernels that set up and jump, for many tops or free bodies.
 
-Of the free body: `kreisel.kernels.exact.rotating`.  Over the period of nutation the flow of the Lagrange top is a
+Of the free body: `kreisel.kernels.exact.motions`.  Over the period of nutation the flow of the Lagrange top is a
 rotation about p; over the remaining time it is `count` times D_eps, minus the rotation of D_eps: `leap` of
-`kreisel.kernels.exact.nutating`.  Each lane has an estimate of its error; some need more digits.
+`kreisel.kernels.exact.motions`.  Each lane has an estimate of its error; some need more digits.
 """
 
 from __future__ import annotations
@@ -22,14 +22,10 @@ from kreisel.graph.arranging import Formula
 from kreisel.graph.double import DoubleDouble
 from kreisel.graph.graph import Graph, Operand, array_of, nearest, where_less
 from kreisel.graph.llvm import DOUBLE, Function, Integer, Lanes, Value
-from kreisel.graph.machine import Kernel, address_of, kernel, register_width
+from kreisel.graph.machine import Kernel, Link, address_of, kernel, register_width
 from kreisel.graph.recording import as_operands, count_of, flat_constants
-from kreisel.kernels.chain import Link
-from kreisel.kernels.exact.elliptic import of_turns
-from kreisel.kernels.exact.nutating import leap
-from kreisel.kernels.exact.rotating import rotated
-from kreisel.kernels.layout import Floats
-from kreisel.kernels.threads import on_threads
+from kreisel.kernels.exact.motions import leap, of_turns, rotated
+from kreisel.kernels.layout import Floats, on_threads
 from kreisel.method.scheme import Jump, Scheme, Spin
 
 TOLERANCE = 1e-16  # of a rotation and of a period: more that a jump may be off, and more digits are taken

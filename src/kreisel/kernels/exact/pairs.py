@@ -25,12 +25,10 @@ from kreisel.algebra.reuse import Identity, reused
 from kreisel.baecklund import conjugate
 from kreisel.graph.double import DoubleDouble, upper
 from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Lanes, Value, kind_of
-from kreisel.graph.machine import Kernel, address_of, kernel
-from kreisel.kernels.chain import Link
+from kreisel.graph.machine import Kernel, Link, address_of, kernel
 from kreisel.kernels.exact.points import WIDTH, Choice, Formulas, Writing, complex_values, largest
-from kreisel.kernels.layout import Floats
+from kreisel.kernels.layout import Floats, on_threads
 from kreisel.kernels.steps import outputs_by_rows
-from kreisel.kernels.threads import on_threads
 from kreisel.method.conjugate import COPIES, FINE, MISSED, MOST_COPIES
 from kreisel.record.calling import call
 from kreisel.record.contract import ExactMap

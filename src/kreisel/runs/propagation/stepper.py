@@ -18,14 +18,13 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, RunError, shown
 from kreisel.forces.control import require_no_sample
+from kreisel.graph.machine import Chain, Link
+from kreisel.graph.project import FAR
 from kreisel.graph.recording import fill
-from kreisel.kernels.chain import Chain, Link
 from kreisel.kernels.cpu import CpuEngine, RowFunction, frame_of, point_links, points
 from kreisel.kernels.engines import Engine, corrections
 from kreisel.kernels.exact.jumps import FEW, TOLERANCE, Jumps
-from kreisel.kernels.layout import Floats
-from kreisel.kernels.projection.corrections import FAR
-from kreisel.kernels.threads import threads_for
+from kreisel.kernels.layout import Floats, threads_for
 from kreisel.method import scheme as scheme_of
 from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps

@@ -14,9 +14,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
+from kreisel.graph.project import EPS, GAIN, TAU, Corrections, interval
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.projection.corrections import EPS, GAIN, TAU, Corrections, interval
-from kreisel.kernels.projection.traced import Namespace, Traced, cost, gradient
+from kreisel.kernels.traced import Namespace, Traced, cost, gradient
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Scheme
 

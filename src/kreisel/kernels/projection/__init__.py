@@ -1,1 +1,0 @@
-"""Round-off, in one place: the projection onto the invariants of the start."""
