@@ -15,7 +15,7 @@ from kreisel import units
 from kreisel.algebra import act, rotation_matrix
 from kreisel.errors import InputError
 from kreisel.exact.rotor import Rotor
-from kreisel.physical import FreeBody, HeavyBody, free_rotation
+from kreisel.physical import FreeBody, HeavyBody, free_body
 
 ROUNDING = 4e-15  # relative: periods were off by 3e-16 at most
 MOMENTS = np.array((1.0, 2.1, 2.7))
@@ -165,7 +165,7 @@ def test_mutants_of_the_closed_form_are_seen(monkeypatch: pytest.MonkeyPatch) ->
             setattr(rotor, name, wrong(rotor))
 
         monkeypatch.setattr(Rotor, "_constants", constants)
-        free_rotation._rotor_of.cache_clear()
+        free_body._rotor_of.cache_clear()
 
     for name, wrong in (("lam", lambda r: 2 * r.lam), ("mean", lambda r: r.mean * (1 + 1e-11))):
         mutant(name, wrong)
@@ -174,7 +174,7 @@ def test_mutants_of_the_closed_form_are_seen(monkeypatch: pytest.MonkeyPatch) ->
     mutant("s", lambda r: -r.s)
     with pytest.raises(AssertionError):
         test_flips_are_seen_in_a_run()
-    free_rotation._rotor_of.cache_clear()
+    free_body._rotor_of.cache_clear()
 
 
 def test_a_motion_goes_on_from_any_state() -> None:

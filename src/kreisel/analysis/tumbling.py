@@ -17,7 +17,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.kernels.exact.jumps import jumps_of
-from kreisel.physical.free_rotation import periods_of, rotation_scheme
+from kreisel.physical.free_body import periods_of, rotation_scheme
 
 ORDERS = {"short-axis": [0, 1, 2], "long-axis": [2, 1, 0]}
 UNKNOWNS = (

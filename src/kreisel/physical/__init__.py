@@ -15,22 +15,17 @@ Arguments are floats in SI units, or quantities: mass="3 kg", spin="180 rpm" (`k
 
 from __future__ import annotations
 
-from kreisel.physical.binary import Binary, ThirdBody
-from kreisel.physical.control import Control, Wheels
-from kreisel.physical.ellipsoid import Ellipsoid
+from kreisel.physical.binary import Binary, GravityBody, ThirdBody
+from kreisel.physical.control import Control, Wheels, bdot, hysteresis_rods, magnetic_damping, pointing, sun_pointing
 from kreisel.physical.ensemble import Ensemble
 from kreisel.physical.forced import EddyCurrents
-from kreisel.physical.free_body import AxisStability, FreeBody
-from kreisel.physical.free_rotation import FreeRotation
-from kreisel.physical.gravity_body import GravityBody
-from kreisel.physical.gyroscope import Gyroscope, Motion
-from kreisel.physical.heavy_body import HeavyBody
-from kreisel.physical.laws import bdot, hysteresis_rods, magnetic_damping, pointing, sun_pointing
+from kreisel.physical.free_body import AxisStability, FreeBody, FreeRotation
+from kreisel.physical.heavy_body import Gyroscope, HeavyBody, Motion
 from kreisel.physical.measures import STANDARD_GRAVITY
 from kreisel.physical.orbit import EARTH, SATURN, SUN, Orbit, Primary
 from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Harmonics, Plate, Satellite
 from kreisel.physical.shapes import Facets, Part, read_mesh, read_robot
-from kreisel.physical.submerged import Course, SubmergedBody, read_added_mass
+from kreisel.physical.submerged import Course, Ellipsoid, SubmergedBody, read_added_mass
 
 __all__ = [
     "EARTH",

@@ -14,8 +14,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, hint, shown
-from kreisel.physical.inertia import are_diagonals
-from kreisel.physical.measures import attitude_quaternion, in_range, si_number
+from kreisel.physical.measures import are_diagonals, attitude_quaternion, in_range, si_number
 from kreisel.record.body import UPRIGHT, Body, joined
 from kreisel.record.model import Model, State
 from kreisel.record.units import AXES, BODY, BodyFrame, Scale, Scales, one_unit

@@ -18,8 +18,15 @@ from kreisel.forces.in_body import MOTION, PLACE
 from kreisel.physical import environment as earth
 from kreisel.physical.forced import Forced, by_functions
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
-from kreisel.physical.inertia import inertia_tensor
-from kreisel.physical.measures import attitude_quaternion, convert_fields, direction, in_range, si_number, si_numbers
+from kreisel.physical.measures import (
+    attitude_quaternion,
+    convert_fields,
+    direction,
+    in_range,
+    inertia_tensor,
+    si_number,
+    si_numbers,
+)
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
 from kreisel.record.units import BodyFrame

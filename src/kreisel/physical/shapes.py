@@ -13,8 +13,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, doubt, explained, hint, shown
 from kreisel.files import place
-from kreisel.physical.inertia import inertia_tensor
-from kreisel.physical.measures import finite_floats, in_range, si_number, si_numbers
+from kreisel.physical.measures import finite_floats, in_range, inertia_tensor, si_number, si_numbers
 
 SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".gltf")
 LARGEST_MESH, LARGEST_DESCRIPTION = 1 << 30, 16 << 20  # bytes
