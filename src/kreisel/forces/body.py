@@ -5,28 +5,28 @@ from __future__ import annotations
 import copy
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import partial, reduce
+from operator import add
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.recorded import run
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import kicks
-from kreisel.forces.in_body import InBody
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
-from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
-from kreisel.forces.product import product
+from kreisel.forces.product import constants_of_pairs, parameters_of_pairs, product
 from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record import table
 from kreisel.record.body import as_body
-from kreisel.record.calling import Portable, keywords, naming
+from kreisel.record.calling import Portable, arguments_of, call, keywords, naming
 from kreisel.record.contract import Frame, Parameter, System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation, together
+from kreisel.record.perturbation import FIELDS, FIRST, PAIRS, SECOND, TIME, Force, Perturbation, together
 from kreisel.record.table import Form, form_of, packed_of
 from kreisel.record.values import SKEW_TOLERANCE, axes_of, is_vector, numbers, require_body, require_one_reading
 from kreisel.system import REGISTRY
@@ -34,9 +34,15 @@ from kreisel.system import REGISTRY
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
+POSITIONAL = inspect.Parameter.POSITIONAL_OR_KEYWORD
 INNER = (2, 4, 6, 8)  # orders
 STATED = ("source", "space", "integrals", "derive", "scaling", "body_frame", "n")  # of a body with forces
+MOTION = ("M", "Omega", "g", "t")  # momentum, angular velocity, orientation (body to space), time
+RATE = "B_rate"  # of the field along the orbit
+PLACE = (*(field.symbol for field in FIELDS.values()), RATE)
+AXES_OF_LANES = ("body_axis_1", "body_axis_2", "body_axis_3")  # parameters: the columns of `axes`, if lanes differ
+UNIT_OF_LANES = "unit_of_momentum"
+NEAR = 1.0  # s: a difference over twice this time has the rate of the field to 1e-7
 
 
 @explained
@@ -199,9 +205,9 @@ def _force(function: Any, label: str, letters: tuple[str, ...], model: Model, pa
     arguments: list[str] = []
     parameters: list[str] = []
     for parameter in signature.parameters.values():
-        place = parameter.kind is PLACE
+        place = parameter.kind is POSITIONAL
         names, kind = (letters, "arguments") if place else (constants, "parameters after *")
-        if parameter.kind not in (PLACE, inspect.Parameter.KEYWORD_ONLY) or parameter.name not in names:
+        if parameter.kind not in (POSITIONAL, inspect.Parameter.KEYWORD_ONLY) or parameter.name not in names:
             raise InputError(
                 f"{label}: expected {kind} among {', '.join(names) or 'none'}, got {shown(parameter.name)}."
                 f"{hint(parameter.name, names)} Parameters follow * and are in params={{...}}."
@@ -454,3 +460,97 @@ def _try(model: Model) -> set[str]:
             "torque: expected a skew matrix or, for n = 3, an axial vector, got a matrix that is not skew."
         )
     return chosen
+
+
+# -- forces in SI units along the axes in which a body was given -----------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class InBody:
+    """A torque, N m, or a potential, J: the sum of user-defined functions of quantities of a body in SI.
+
+    functions  with the names of their arguments: quantities, and `params`
+    axes       (3, 3), v_body = axes v_state; None if it differs from lane to lane, as the unit of momentum then does
+    time, momentum   units of the model, s and N m s
+    """
+
+    kind: str
+    functions: tuple[tuple[Portable, tuple[str, ...]], ...]
+    params: tuple[str, ...]
+    axes: Array | None
+    time: float
+    momentum: float | None
+
+    def of(self, model: Model) -> Force:
+        """The force of a model."""
+        system, record, moving = model.system, model.system.perturbation, model.system.frame is Frame.MOVING
+        names = {name for _, arguments in self.functions for name in arguments} - {*self.params}
+        place = record.environment if record is not None and not names.isdisjoint(PLACE) else None
+        vectors = {"g", RATE, *(field.symbol for field in FIELDS.values() if field.shape)}
+        turned = not moving or bool(vectors & names)
+        letters = system.space.letters if {"M", "Omega"} & names else ()
+        arguments = (*letters, *(ORIENTATION,) * turned, *(TIME,) * (place is not None or "t" in names))
+        constants = [*(place.parameters if place is not None else ())]
+        if "Omega" in names:
+            base = system if record is None else record.base
+            constants += [*sorted(keywords(base.velocity)), *[COUPLING] * (record is not None and record.coupling)]  # type: ignore[arg-type]
+        constants += [*AXES_OF_LANES, UNIT_OF_LANES] if self.axes is None else []
+
+        def force(*values: Any, **constants: Any) -> Any:
+            by_name = dict(zip(arguments, values, strict=True))
+            axes = np.stack([constants[k] for k in AXES_OF_LANES], -1) if self.axes is None else self.axes
+            momentum = constants[UNIT_OF_LANES] if self.momentum is None else self.momentum
+            body = dict[str, Any]()
+            if turned:
+                g = body["g"] = by_name[ORIENTATION] @ axes.T
+            if TIME in by_name:
+                body["t"] = by_name[TIME] * self.time
+            if letters:
+                body["M"] = momentum * (axes @ by_name[letters[0]] if moving else by_name[letters[0]] @ g)
+            if "Omega" in names:
+                state = tuple(
+                    algebra.hat(by_name[letter]) if kind == "skew" else by_name[letter]
+                    for letter, kind in system.space.components
+                )
+                velocity = (
+                    call(system.velocity, state, constants)
+                    if record is None
+                    else kicks.velocity(system, state, constants)
+                )
+                Omega = algebra.axial(velocity)
+                body["Omega"] = (axes @ Omega if moving else Omega @ g) / self.time
+            if place is not None:
+                at = partial(run, place.function, **place.named(constants[name] for name in place.parameters))
+                result = {FIELDS[name].symbol: value for name, value in at(body["t"]).items()}
+                if RATE in names:
+                    later, earlier = (at(body["t"] + h)["field"] for h in (NEAR, -NEAR))
+                    result[RATE] = (later - earlier) / (2 * NEAR)
+                body |= {k: result[k] @ g if k in vectors else result[k] for k in PLACE if k in names}
+            parts = []
+            for function, wanted in self.functions:
+                out = np.asarray(run(function.function, **{k: {**constants, **body}[k] for k in wanted}), dtype=object)
+                if self.kind == "torque":
+                    if out.shape != (3,):
+                        raise InputError(
+                            f"torque: expected a vector (3,) along the body axes, N m, got shape {out.shape}."
+                        )
+                    out = out @ axes if moving else g @ out
+                parts.append(out[()] / (momentum / self.time))
+            return reduce(add, parts)
+
+        return Force(force, arguments, tuple(dict.fromkeys([*constants, *self.params])))
+
+
+def in_body(kind: str, function: Any, params: Mapping[str, Any], quantities: tuple[str, ...], **frame: Any) -> Any:
+    """A force of these quantities and parameters by name; None without a function.  Raises `InputError`.
+
+    A list of functions is their sum.
+    """
+    if function is None:
+        return None
+    several = function if isinstance(function, list | tuple) and function else [function]
+    allowed = (*quantities, *(name for name in params if name not in (*MOTION, *PLACE)))
+    remedy = "Give other parameters as params={...}, by names that no quantity has."
+    functions = [(Portable(function), arguments_of(function, allowed, kind, remedy)) for function in several]
+    used = tuple(dict.fromkeys(name for _, names in functions for name in names if name in params))
+    return InBody(kind, tuple(functions), used, **frame)

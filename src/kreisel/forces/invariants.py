@@ -20,7 +20,7 @@ from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.kicks import Body
-from kreisel.forces.pairs import constants_of_pairs
+from kreisel.forces.product import constants_of_pairs
 from kreisel.record.calling import Function, call
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, Force, pairs_of

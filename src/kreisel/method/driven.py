@@ -13,7 +13,7 @@ from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved_totals
 from kreisel.forces.kicks import ORIENTATION, Body
-from kreisel.forces.pairs import constants_of_pairs
+from kreisel.forces.product import constants_of_pairs
 from kreisel.method.observing import BALANCE, WORK
 from kreisel.method.scheme import Coupling, Outcome
 from kreisel.record.contract import System

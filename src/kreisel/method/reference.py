@@ -9,7 +9,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.forces.kicks import Body
-from kreisel.forces.pairs import of_bodies
+from kreisel.forces.product import of_bodies
 from kreisel.method import driven
 from kreisel.method.observing import ORIENTATION, WORK, Only, State, as_matrix, observer, scheme_of, with_orientation
 from kreisel.method.scheme import Flow, Scheme

@@ -32,11 +32,10 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact import quadrics, rotor_step, top_step
-from kreisel.forces import control, kicks, windows
+from kreisel.forces import control, kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of, require_principal
-from kreisel.forces.pairs import of_bodies
-from kreisel.forces.product import Factor
+from kreisel.forces.product import Factor, of_bodies
 from kreisel.forces.turns import turns_of
 from kreisel.method import driven, observing
 from kreisel.method.composition import symmetric_composition
@@ -83,7 +82,7 @@ class Splitting:
         self.rubs = bool(record.rubbing) and (all_turns or record.rubs(model.constants))
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
         self.with_zeros = all_turns
-        self.span = None if all_turns else windows.span_of(model)  # derivatives are those of the field
+        self.span = None if all_turns else control.span_of(model)  # derivatives are those of the field
         self.changed: tuple[int, ...] = ()
         if record.sampled:
             self.changed = control.changed_by_samples(model.system)
@@ -100,7 +99,7 @@ class Splitting:
         """The values that are carried with state and orientation, and their kinds."""
         needs = {COUNT: self.timed, WORK: self.driven, REACH: self.integrable.reach is not None}
         names = {name: "scalar" for name, needed in needs.items() if needed}
-        return names if self.span is None else {**names, windows.WINDOW: windows.KIND}
+        return names if self.span is None else {**names, control.WINDOW: control.WINDOW_KIND}
 
     def apart(self, z: State) -> tuple[State, State, dict[str, Array]]:
         """The state, the orientation, if any, the other values by name."""
@@ -112,7 +111,7 @@ class Splitting:
         if self.span is not None:
             state, g, carried = self.apart(z)
             body = Body(state, None, self.time(carried, _node, constants))
-            carried[windows.WINDOW] = windows.renewed(carried[windows.WINDOW], body, self.model, constants)
+            carried[control.WINDOW] = control.renewed_window(carried[control.WINDOW], body, self.model, constants)
             z = (*state, *g, *carried.values())
         if self.record.sampled:
             z = self.sampled(z, constants)
@@ -123,7 +122,7 @@ class Splitting:
     def body(self, state: State, g: State, carried: Mapping[str, Array], node: Any, constants: Constants) -> Body:
         """The body at a node of the step."""
         t = self.time(carried, node, constants)
-        field = None if self.span is None else windows.field(carried[windows.WINDOW], t, constants)
+        field = None if self.span is None else control.field_in_window(carried[control.WINDOW], t, constants)
         return Body(state, self.turn(g), t, field)
 
     def sampled(self, z: State, constants: Constants) -> State:
@@ -253,8 +252,8 @@ class Splitting:
     def begin(self, x: State) -> State:
         """The state and the orientation with the other values at time 0."""
         nothing = driven.zero(self.model.system, x)
-        empty = algebra.vec(nothing) + np.zeros(windows.SIZE)
-        return (*x, *(empty if name == windows.WINDOW else nothing for name in self.extra))
+        empty = algebra.vec(nothing) + np.zeros(control.WINDOW_SIZE)
+        return (*x, *(empty if name == control.WINDOW else nothing for name in self.extra))
 
 
 def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = False) -> Scheme:
@@ -313,7 +312,7 @@ def _numbers(body: Splitting, parts: Fractions, count: float) -> Numbers:
     if body.record.sampled and body.record.control is not None:
         constants["_sample"] = np.array(dt / body.record.control.every)
     if body.span is not None:
-        constants[windows.SPAN] = np.asarray(body.span)
+        constants[control.SPAN] = np.asarray(body.span)
     return Numbers(constants, stages)
 
 

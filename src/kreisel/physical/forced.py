@@ -11,8 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, cross
 from kreisel.errors import InputError, explained, shown
-from kreisel.forces.body import perturbed
-from kreisel.forces.in_body import AXES_OF_LANES, MOTION, UNIT_OF_LANES, in_body
+from kreisel.forces.body import AXES_OF_LANES, MOTION, UNIT_OF_LANES, in_body, perturbed
 from kreisel.physical.control import Control, Wheels, at_the_start, controlled_by
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import finite_floats, si_numbers

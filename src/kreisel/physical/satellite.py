@@ -14,7 +14,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
-from kreisel.forces.in_body import MOTION, PLACE
+from kreisel.forces.body import MOTION, PLACE
 from kreisel.physical import environment as earth
 from kreisel.physical.forced import Forced, by_functions
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
