@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from kreisel import checkcases
-from kreisel.checkcases.picture import plot
+from kreisel.viewer.charts import plot_case
 
 
 def write(docs: Path) -> None:
@@ -15,7 +15,7 @@ def write(docs: Path) -> None:
     parts = []
     for name in checkcases.cases():
         case = checkcases.case(name)
-        plot(case).savefig(figures / f"checkcase-{name}.png", dpi=110)
+        plot_case(case).savefig(figures / f"checkcase-{name}.png", dpi=110)
         parts.append(_section(case))
     (docs / "generated" / "check-cases.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 

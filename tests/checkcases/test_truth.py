@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from kreisel.checkcases import taylor
-from kreisel.checkcases.exactly import PI, exact
+from kreisel.checkcases.laws import PI, exact
 from support import cross
 
 FREE = ["tumbling-brick", "boxes", "thin-body", "small-box", "tilted-box", "wing-nut", "wing-nut-fine", "prolate"]

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
-from kreisel.viewer.shown_figure import ShownFigure
+from kreisel.viewer.charts import ShownFigure
 from support import ROOT
 
 SCRIPTS = sorted((ROOT / "examples" / "gallery").glob("*.py"))

@@ -38,7 +38,7 @@ FILLERS = frozenset(
     "there thing this those what whole both".split()
 )  # names that do not tell what they hold
 NAMED_BY_USERS = {  # parameters and methods of the interface
-    ("checkcases/motion.py", "given"),  # case.given()
+    ("checkcases/catalogue.py", "given"),  # case.given()
     ("lab/brackets.py", "more"),  # kr.lab.lax(more=)
     ("runs/citing.py", "what"),  # kr.cite(what)
 }

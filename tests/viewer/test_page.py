@@ -12,7 +12,6 @@ import pytest
 import browser
 import kreisel as kr
 from kreisel.viewer import page as page_module
-from kreisel.viewer import serve
 from kreisel.viewer.frames import between
 from kreisel.viewer.scene import scene
 from scenes import HOSTILE, IDENTITY, array, hostile, tip
@@ -206,8 +205,8 @@ def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, m
     path = tmp_path / "top.zarr"
     kr.simulate(top, x0, dt=0.05, steps=200, path=path, progress=False)
     reopen(path, extend=400)  # as of a run that has been interrupted: 201 rows of 401, not complete
-    monkeypatch.setattr(serve, "EVERY", 0.3)
-    serving = serve.server(path)
+    monkeypatch.setattr(page_module, "LOOK_EVERY", 0.3)
+    serving = page_module.server(path)
     thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
     thread.start()
     chromium.complaints.clear()
@@ -215,14 +214,14 @@ def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, m
     chromium.run("1")
     chromium.requests.clear()
     try:
-        chromium.open(serve.address(serving))
+        chromium.open(page_module.address(serving))
         chromium.wait(READY)
         assert chromium.run("document.body.dataset.count") == "201"
         set_to(chromium, "scrub", 200)
         chromium.wait("document.body.dataset.frame === '200'")
         kr.resume(path, progress=False)
         chromium.wait("document.body.dataset.count === '401' && document.body.dataset.frame === '400'")
-        assert set(chromium.requests) <= {serve.address(serving), "about:blank"}
+        assert set(chromium.requests) <= {page_module.address(serving), "about:blank"}
         assert chromium.complaints == []
     finally:
         serving.shutdown()

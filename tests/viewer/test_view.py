@@ -15,9 +15,9 @@ import pytest
 from PIL import Image
 
 import kreisel as kr
-from kreisel.viewer import bodies, serve
+from kreisel.viewer import bodies
 from kreisel.viewer.frames import extremes, mixed
-from kreisel.viewer.page import as_json, page, scripts
+from kreisel.viewer.page import address, as_json, page, scripts, server
 from kreisel.viewer.scene import scene
 from scenes import HOSTILE, IDENTITY, array, hostile, points, tip, turned
 from support import ROOT
@@ -348,10 +348,10 @@ def test_the_command_writes_one_file(tmp_path, top, x0, monkeypatch, capsys):
 @pytest.fixture
 def served(tmp_path, top, x0):
     kr.simulate(top, x0, dt=0.05, steps=200, path=tmp_path / "top.zarr", progress=False)
-    serving = serve.server(tmp_path / "top.zarr")
+    serving = server(tmp_path / "top.zarr")
     thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
     thread.start()
-    yield tmp_path / "top.zarr", serve.address(serving)
+    yield tmp_path / "top.zarr", address(serving)
     serving.shutdown()
     thread.join(60)
     serving.server_close()
@@ -394,8 +394,8 @@ def test_the_data_is_sent_once_until_it_changes(served):
 def test_a_bad_address_is_refused(tmp_path, top, x0):
     kr.simulate(top, x0, dt=0.05, steps=20, path=tmp_path / "top.zarr", progress=False)
     with pytest.raises(kr.InputError, match="cannot be served"):
-        serve.server(tmp_path / "top.zarr", host="256.0.0.1")
+        server(tmp_path / "top.zarr", host="256.0.0.1")
     with pytest.raises(kr.InputError, match="cannot be served"):
-        serve.server(tmp_path / "top.zarr", port=-1)
+        server(tmp_path / "top.zarr", port=-1)
     with pytest.raises(kr.InputError, match="no archive"):
-        serve.server(tmp_path / "none.zarr")
+        server(tmp_path / "none.zarr")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from kreisel.checkcases.motion import Answer, Case
+from kreisel.checkcases.catalogue import Answer, Case
 from kreisel.errors import InputError, explained, hint, shown
 
 __all__ = ["Answer", "Case", "case", "cases"]

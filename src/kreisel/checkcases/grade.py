@@ -16,7 +16,7 @@ from kreisel.checkcases.mistakes import SIGNIFICANT, Mistake, body_rates, differ
 from kreisel.errors import InputError, shown
 
 if TYPE_CHECKING:
-    from kreisel.checkcases.motion import Case
+    from kreisel.checkcases.catalogue import Case
 
 WIDTHS = {
     "angular_velocity": 3,

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.checkcases.exactly import exact as rational
 from kreisel.checkcases.laws import FIELD, FREE, cross, quaternion_rate, rotation, times, to_body
+from kreisel.checkcases.laws import exact as rational
 
 if TYPE_CHECKING:
-    from kreisel.checkcases.motion import Case
+    from kreisel.checkcases.catalogue import Case
 
 SIGNIFICANT = 1e-7  # relative: smaller errors need no explanation
 FACTOR = 20  # by which a mistake must reduce the error

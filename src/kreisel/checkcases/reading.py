@@ -22,7 +22,7 @@ from kreisel.checkcases.mistakes import FACTOR, differences, size
 from kreisel.errors import InputError, explained, shown
 
 if TYPE_CHECKING:
-    from kreisel.checkcases.motion import Case
+    from kreisel.checkcases.catalogue import Case
 
 RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}

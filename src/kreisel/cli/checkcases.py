@@ -61,16 +61,16 @@ def checkcase(
     if table is not None:
         _write(case, table, rows, overwrite)
     if figure is not None:
-        from kreisel.checkcases.picture import plot
+        from kreisel.viewer.charts import plot_case
 
-        save_picture(plot(case), figure, overwrite)
+        save_picture(plot_case(case), figure, overwrite)
     if not (grade or table or figure):
         _print(case, at or [], as_json)
 
 
 def _print(case: Case, at: list[float], as_json: bool) -> None:
-    from kreisel.checkcases.exactly import UNITS, exact, unit_of
-    from kreisel.checkcases.motion import CERTAINTY
+    from kreisel.checkcases.catalogue import CERTAINTY
+    from kreisel.checkcases.laws import UNITS, exact, unit_of
     from kreisel.runs.settings import finite_number
 
     times = [Fraction(finite_number(t, "--at")) for t in at] or [case.duration]

@@ -308,7 +308,7 @@ def view(
     if serve:
         if swept:
             raise InputError(f"--serve: expected a run, got the sweep {archive}. `kreisel view` shows a lane.")
-        from kreisel.viewer.serve import LOOPBACK, address, server
+        from kreisel.viewer.page import LOOPBACK, address, server
 
         with server(archive, host=host, port=port, lane=lane or None) as serving:
             if host not in LOOPBACK:

@@ -1,12 +1,17 @@
-"""Figures of the analyses: angles, rates, events, sections, return maps, spectra, comparisons.
+"""Figures: angles, rates, events, sections, return maps, spectra, comparisons of `kr.analysis`, check cases.
 
-Each function draws a result of `kr.analysis` as a matplotlib figure in the style "house", theme "light" or "dark".
+Each function draws a matplotlib figure in the style "house", theme "light" or "dark", which a notebook displays, with
+or without pyplot, and which is saved in its style.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, cast
 
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
@@ -14,14 +19,53 @@ from matplotlib.figure import Figure
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError
 from kreisel.viewer.frames import extremes
-from kreisel.viewer.style import figure
+from kreisel.viewer.style import WIDTHS, Theme, theme_of
 
 if TYPE_CHECKING:
     from kreisel.analysis.comparison import Comparison
     from kreisel.analysis.frequencies import Lines
     from kreisel.analysis.method_comparison import MethodComparison
+    from kreisel.checkcases.catalogue import Case
 
+FILES = ("savefig.", "pdf.", "ps.", "svg.")
 MOST_POINTS = 20_000  # of a series; extremes are kept
+ROWS_OF_CASE = 1201
+STILL = 1e-3  # an axis that moves less shows nothing
+
+
+class ShownFigure(Figure):
+    """A figure of matplotlib with a picture for notebooks; settings of files are fixed at its creation."""
+
+    def __init__(self, *args: Any, **options: Any):
+        super().__init__(*args, **options)
+        self._for_files = {key: value for key, value in mpl.rcParams.items() if key.startswith(FILES)}
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        """Save as matplotlib does."""
+        with mpl.rc_context(self._for_files):
+            super().savefig(fname, **options)
+
+    def _repr_png_(self) -> bytes:
+        out = io.BytesIO()
+        self.savefig(out, format="png", dpi=self.dpi)
+        return out.getvalue()
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """The picture only: if pyplot is loaded, IPython would add another one."""
+        return {"image/png": self._repr_png_(), "text/plain": repr(self)}
+
+
+@contextmanager
+def figure(
+    theme: str, width: float = 7.0, height: float = 4.0, style: str | None = None
+) -> Iterator[tuple[ShownFigure, Theme]]:
+    """A figure and its theme, inches wide and high; with a style in widths of it.  Raises `InputError`."""
+    colours, unit = theme_of(theme, style or "house"), 1.0 if style is None else WIDTHS[style]
+    with mpl.rc_context(cast("Any", colours.rc)):
+        yield ShownFigure(figsize=(width * unit, height * unit), layout="constrained"), colours
+
+
+# -- analyses --------------------------------------------------------------------------------------
 
 
 def _draw_series(axes: Any, run: xr.Dataset, values: Any, colour: str) -> None:
@@ -150,4 +194,42 @@ def plot_methods(comparison: MethodComparison, *, theme: str = "light") -> Figur
         left.minorticks_off()
         right.set(yscale="log", xlabel="time", title="largest change of an integral so far, relative")
         picture.legend(loc="outside lower center", ncols=min(len(table), 3))
+    return picture
+
+
+# -- check cases -----------------------------------------------------------------------------------
+
+
+def plot_case(case: Case, *, theme: str = "light") -> Figure:
+    """Angular velocity along the body axes; in space, the body axis nearest to the momentum, or one that moves."""
+    from kreisel.checkcases.laws import arrays, rotation
+
+    truth = case.reference(case.times(ROWS_OF_CASE))
+    time, w = truth.time.values, truth.angular_velocity.values
+    momentum = truth.momentum.values[0]
+    R = np.array(rotation(arrays(truth.attitude.values)))  # (3, 3, rows)
+    axis = int(np.argmax(abs(R[:, :, 0].T @ momentum)))
+    if np.ptp(R[:, axis], axis=1).max() < STILL:
+        axis = (axis + 1) % 3
+    path = R[:, axis].T
+    with figure(theme, 7.4, 3.2) as (picture, colours):
+        rates = picture.add_subplot(1, 2, 1)
+        for k in range(3):
+            rates.plot(time, w[:, k], color=colours.colour(k), linewidth=1.0, label=f"$\\omega_{k + 1}$")
+        rates.set(xlabel="time (s)", ylabel="angular velocity, body axes (rad/s)", xlim=(0, time[-1]))
+        rates.grid(True)
+        rates.legend(loc="upper center", bbox_to_anchor=(0.5, 1.13), ncols=3, frameon=False)
+        ball = picture.add_subplot(1, 2, 2, projection="3d")
+        u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
+        globe = np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)
+        ball.plot_wireframe(*globe, rstride=4, cstride=4, color=colours.faint, linewidth=0.3, alpha=0.6)
+        ball.plot(*path.T, color=colours.colour(0), linewidth=0.8)
+        ball.plot(*path[:1].T, "o", color=colours.ink, markerfacecolor=colours.colour(1), markersize=4, label="start")
+        ball.plot(*path[-1:].T, "s", color=colours.ink, markerfacecolor=colours.colour(2), markersize=4, label="end")
+        ball.set_box_aspect((1, 1, 1), zoom=1.25)
+        ball.set_axis_off()
+        ball.view_init(elev=22, azim=-55)
+        ball.set_title(f"body axis {axis + 1} in space", y=0.98)
+        ball.legend(loc="lower center", bbox_to_anchor=(0.5, -0.06), ncols=2, frameon=False)
+        picture.suptitle(case.name, fontsize=10)
     return picture

@@ -21,8 +21,9 @@ from kreisel.runs.geometry import fixed_vector, model_for, require_unchanged
 from kreisel.runs.in_si import in_state_form
 from kreisel.runs.orbits import of_satellite
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
+from kreisel.viewer.charts import figure
 from kreisel.viewer.frames import clock_of, evenly, extremes, mixed, panels_of, shadows_of, stretches
-from kreisel.viewer.style import Theme, figure
+from kreisel.viewer.style import Theme
 
 ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
 SAME_LENGTH = 1e-3  # relative: a vector whose length changes by more is not on a sphere

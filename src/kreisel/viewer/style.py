@@ -7,15 +7,10 @@ contrast of at least 2.1 to its paper (lines), the ink of text 12.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 from kreisel.errors import require_one_of
-
-if TYPE_CHECKING:
-    from kreisel.viewer.shown_figure import ShownFigure
 
 
 @dataclass(frozen=True)
@@ -85,17 +80,3 @@ def theme_of(name: str, style: str = "house") -> Theme:
     require_one_of(THEMES, name, "theme")
     require_one_of(STYLES, style, "style")
     return replace(THEMES[name], extra=tuple(STYLES[style].items()))
-
-
-@contextmanager
-def figure(
-    theme: str, width: float = 7.0, height: float = 4.0, style: str | None = None
-) -> Iterator[tuple[ShownFigure, Theme]]:
-    """A figure and its theme, inches wide and high; with a style in widths of it.  Raises `InputError`."""
-    import matplotlib as mpl
-
-    from kreisel.viewer.shown_figure import ShownFigure
-
-    colours, unit = theme_of(theme, style or "house"), 1.0 if style is None else WIDTHS[style]
-    with mpl.rc_context(cast("Any", colours.rc)):
-        yield ShownFigure(figsize=(width * unit, height * unit), layout="constrained"), colours
