@@ -33,10 +33,9 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.method.composition import symmetric_composition
+from kreisel.method.composition import corrector, splitting, symmetric_composition
 from kreisel.method.scheme import Steps
 from kreisel.method.splitting import Splitting
-from kreisel.method.splitting_coefficients import corrector, splitting
 from kreisel.runs.planning import make_plan
 
 RESULT = Path(__file__).parent / "results" / "perturbed.json"

@@ -13,7 +13,7 @@ import scipy.linalg
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.baecklund import conjugate as pairs
 from kreisel.lab import exact
 from kreisel.method import conjugate, scheme

@@ -10,7 +10,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.method import pairs, scheme
+from kreisel.method import exact, scheme
 from kreisel.runs.planning import make_plan
 from sizes import FULL
 from taylor import taylor_solution
@@ -169,8 +169,8 @@ def test_a_wrong_turn_in_space_is_caught() -> None:
 def test_a_wrong_parameter_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     model, state = bodies(1)[0]
     want = truth(model, state, 10.0)
-    parameter = pairs.parameter
-    monkeypatch.setattr(pairs, "parameter", lambda *a: (lambda n, mu: (n, mu * (1 + 1e-12)))(*parameter(*a)))
+    parameter = exact.parameter
+    monkeypatch.setattr(exact, "parameter", lambda *a: (lambda n, mu: (n, mu * (1 + 1e-12)))(*parameter(*a)))
     run = kr.simulate(model, state, dt=1.0, steps=10, every=10, method="exact")
     assert off(run, want) > 1e-13
 

@@ -13,7 +13,7 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline, PchipInterpolator
 
 import kreisel as kr
-from kreisel.algebra import memory
+from kreisel.algebra import iteration
 from kreisel.record.model import Model
 
 EVEN = np.linspace(-2.0, 12.0, 29)
@@ -47,8 +47,8 @@ def test_values_are_those_of_scipy(times: str, columns: int | None) -> None:
 
 def test_a_row_too_far_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control of the row that is read, near the end of an interval."""
-    right = memory.entry
-    monkeypatch.setattr(memory, "entry", lambda address, row, *more: right(address, row + 1, *more))
+    right = iteration.entry
+    monkeypatch.setattr(iteration, "entry", lambda address, row, *more: right(address, row + 1, *more))
     values = RNG.normal(size=len(EVEN))
     assert abs(kr.Table(EVEN, values)(BETWEEN) - CubicSpline(EVEN, values)(BETWEEN)).max() > 0.1
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from kreisel import algebra
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.graph import double
 from kreisel.graph.double import DoubleDouble, pair_difference, pair_product, pair_quotient, pair_root, pair_sum
 from kreisel.graph.graph import Graph, evaluated

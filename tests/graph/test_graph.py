@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kreisel.algebra.memory import address_of, entry
+from kreisel.algebra.iteration import address_of, entry
 from kreisel.graph.arranging import arranged, independent, latest, length
 from kreisel.graph.graph import (
     APPLIED,

@@ -387,7 +387,7 @@ def test_the_stub_is_that_of_the_records() -> None:
         assert re.search(rf"\b{name}\b", made)
 
 
-FIRST = ("exact.motion", "method.pairs", "kernels.cpu", "storage.run_archive", "method.maps", "viewer.page")
+FIRST = ("exact.motion", "method.exact", "kernels.cpu", "storage.run_archive", "method.maps", "viewer.page")
 
 
 def test_a_module_can_be_imported_first() -> None:

@@ -13,8 +13,7 @@ import xarray as xr
 
 import kreisel as kr
 import walks
-from kreisel import algebra
-from kreisel.implicit import branch
+from kreisel import algebra, implicit
 from kreisel.kernels.cpu import points
 from kreisel.lab import exact
 from kreisel.method import scheme
@@ -96,7 +95,7 @@ def test_beyond_the_longest_step_the_defect_tells() -> None:
 
 def test_one_doubling_less_is_seen_in_the_defect(monkeypatch: pytest.MonkeyPatch) -> None:
     (model, state, largest), *_ = bodies("euler-top", 5)
-    monkeypatch.setattr(branch, "SMALL", branch.SMALL**0.25)
+    monkeypatch.setattr(implicit, "SMALL", implicit.SMALL**0.25)
     _, defect = model.call(model.map.turn, *state, eps=0.9 * largest)
     assert defect > LIMIT**2
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.lab import brackets, exact, growth, integrals, modular
 from kreisel.lab.subject import Subject, subject
 from kreisel.record.model import Model

@@ -8,12 +8,11 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from kreisel import algebra
+from kreisel import algebra, implicit
 from kreisel.algebra import act, cayley_act, dot, invariants, mat, pairing, trace_log, vec, wedge
 from kreisel.algebra.matrices import border, diagonal, su2
 from kreisel.baecklund import clebsch as body_maps
 from kreisel.baecklund import lagrange_top as top_maps
-from kreisel.implicit import branch
 from kreisel.lab import laws
 from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
 from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised
@@ -229,8 +228,8 @@ def euler_other_branch(M, *, J, eps):  # W -> diag(-1, -1, 1, 1): a solution for
 
 def euler_one_doubling_less(M, *, J, eps):  # it stops at |A| = 0.05 gamma^2, not 1e-9
     one = np.eye(4) + 0 * M
-    with mock.patch.object(branch, "SMALL", branch.SMALL**0.15):
-        return euler_top.move(M, branch.turn(M, J, one, one, eps))
+    with mock.patch.object(implicit, "SMALL", implicit.SMALL**0.15):
+        return euler_top.move(M, implicit.turn(M, J, one, one, eps))
 
 
 def doubled_flow(m, a, *, p):

@@ -12,7 +12,7 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.bodies import BODIES
 from kreisel.method import auto
-from kreisel.method.splitting_coefficients import splitting
+from kreisel.method.composition import splitting
 from kreisel.runs.planning import choices
 from kreisel.runs.settings import Settings
 

@@ -14,9 +14,9 @@ import pytest
 import kreisel as kr
 from kreisel.algebra.reuse import forget
 from kreisel.bodies import BODIES
-from kreisel.method import auto, splitting_coefficients
+from kreisel.method import auto, composition
 from kreisel.method import splitting as method
-from kreisel.method.splitting_coefficients import CORRECTED, Splitting, corrector, inverse, joined
+from kreisel.method.composition import CORRECTED, Splitting, corrector, inverse, joined
 from kreisel.runs.planning import make_plan
 from kreisel.storage.checking import steps_again
 from kreisel.sweeps.lanes import check_archive
@@ -101,7 +101,7 @@ def test_what_is_left_of_a_harmonic(order: Any, count: int) -> None:
     """sum b exp(i y c) of C^-1, step, C against its integral, with 40 digits: off by y^(2 count + 2)."""
     with mpmath.workdps(40):
         step = Splitting((mpmath.mpf(1) / 2,) * 2, (mpmath.mpf(1),))
-        C = splitting_coefficients._correcting(step, count)
+        C = composition._correcting(step, count)
         a, b = joined(inverse(C), step, C)
         times, found = np.cumsum(np.array(a[:-1])), []
         for y in (mpmath.mpf("0.2"), mpmath.mpf("0.1")):
@@ -117,7 +117,7 @@ def test_a_weight_that_is_off_is_found(place: int, monkeypatch: pytest.MonkeyPat
     b = list(right.b)
     at = [i for i, w in enumerate(b) if w][place]
     b[at] += 1e-9
-    monkeypatch.setattr(splitting_coefficients, "_correcting", lambda step, count: right._replace(b=tuple(b)))
+    monkeypatch.setattr(composition, "_correcting", lambda step, count: right._replace(b=tuple(b)))
     with pytest.raises(ArithmeticError, match="condition of eps"):
         corrector.__wrapped__((10, 2))
 

@@ -12,8 +12,8 @@ import kreisel as kr
 from kreisel.algebra.reuse import forget
 from kreisel.errors import RunError
 from kreisel.graph.recording import Recording
-from kreisel.method import METHODS, splitting_coefficients
-from kreisel.method.splitting_coefficients import Splitting, conditions, splitting
+from kreisel.method import METHODS, composition
+from kreisel.method.composition import Splitting, conditions, splitting
 from sizes import FULL
 
 I = np.array([1.0, 1.3, 0.5])  # noqa: E741
@@ -109,9 +109,9 @@ def test_the_second_power_is_of_order_six() -> None:
 @pytest.mark.parametrize("order", METHODS["splitting"].orders)
 def test_a_coefficient_that_is_off_is_found(order: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(splitting(order).a) == len(splitting(order).b) + 1
-    right = splitting_coefficients._fractions(order)
+    right = composition._fractions(order)
     off = ([right[0][0] + 1e-9, *right[0][1:]], right[1])
-    monkeypatch.setattr(splitting_coefficients, "_fractions", lambda _: off)
+    monkeypatch.setattr(composition, "_fractions", lambda _: off)
     with pytest.raises(ArithmeticError, match="condition of eps"):
         splitting.__wrapped__(order)
 
@@ -121,10 +121,10 @@ def test_the_conditions_are_those_of_iterated_integrals() -> None:
     a, b = splitting((2, 2))
     for k, degrees in conditions((2, 2)):
         assert k + sum(degrees) <= 2
-        found = splitting_coefficients.ordered_sum(list(a), list(b), degrees)
-        assert abs(found - float(splitting_coefficients.ordered_integral(degrees))) < 1e-15
+        found = composition.ordered_sum(list(a), list(b), degrees)
+        assert abs(found - float(composition.ordered_integral(degrees))) < 1e-15
     off = [
-        abs(splitting_coefficients.ordered_sum(list(a), list(b), d) - float(splitting_coefficients.ordered_integral(d)))
+        abs(composition.ordered_sum(list(a), list(b), d) - float(composition.ordered_integral(d)))
         for _, d in conditions((3, 3))
     ]
     assert max(off) > 0.01

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.algebra.backend import is_known_zero
+from kreisel.algebra import is_known_zero
 from kreisel.algebra.gradient import TracedNumber
 from kreisel.errors import InputError
 from kreisel.graph.graph import Graph, array_of

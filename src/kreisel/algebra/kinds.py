@@ -13,11 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.algebra.backend import Array
-from kreisel.algebra.cayley import cayley_act, cayley_columns, cayley_conjugate
-from kreisel.algebra.skew import (
+from kreisel.algebra.rotations import (
     act,
     axial,
     bracket,
+    cayley_act,
+    cayley_columns,
+    cayley_conjugate,
     coordinates,
     hat,
     reversed_axial,

@@ -1,8 +1,27 @@
-"""Block matrices that several records share."""
+"""Constructions that several records share: block matrices, su(2), and the spins of a chain."""
 
 import numpy as np
 
-from kreisel.algebra import identity, together
+from kreisel.algebra import Array, identity, together
+
+Spins = tuple[Array, ...]  # three vectors x, y, z (..., n) of components, an entry per site
+
+
+def shifted(x: Array, k: int) -> Array:
+    """x_(i+k) on the ring of the sites."""
+    if hasattr(x, "record_shift"):
+        return x.record_shift(k)
+    return x.__array_namespace__().concatenate([x[..., k:], x[..., :k]], -1)
+
+
+def cross(a: Spins, b: Spins) -> Spins:
+    """a x b at each site."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def inner(a: Spins, b: Spins) -> Array:
+    """<a, b> at each site."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def border(m, v, w=None):

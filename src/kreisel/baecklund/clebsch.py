@@ -1,4 +1,4 @@
-"""Bäcklund transformations of Clebsch's case, the special flow, state (M, P).
+"""Bäcklund transformations of Clebsch's case, the special flow, state (M, P), and of two systems that move like it.
 
 On the spectral curve (mu - rho C + M) Q = P, <P, Q> = rho, with C = B - max b and rho = -lambda; then
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from kreisel.algebra import (
     act,
+    cayley,
     cayley_plane,
     complex_number,
     diagonal_resolvent,
@@ -24,6 +25,7 @@ from kreisel.algebra import (
     maximum,
     parts,
     pfaffians,
+    project_out,
     rounded,
     skew,
     solve,
@@ -218,4 +220,128 @@ BAECKLUND = Baecklund(
     pair_case=gaussian_case,
     odd=-1,
     source="the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md",
+)
+
+
+# -- Neumann's system, state (x, q): the leaf M = x ^ q, P = x ---------------------------------------
+
+
+def on_sphere(M, x):
+    """(x, q) of M = x ^ q, P = x: q = -M x/<x, x>."""
+    return x, -act(M, x) / vec(dot(x, x))
+
+
+def moved(x, q, M, M1, x1):
+    """q1 = -M1 x1/<x, x> by its difference to q; <x1, x1> = <x, x>."""
+    change = act(M, x1 - x) + act(M1 - M, x1) + vec(dot(x, q)) * x
+    return x1, q - change / vec(dot(x, x))
+
+
+def neumann_step(x, q, Q, *, c):
+    M = wedge(x, q)
+    return moved(x, q, M, *step(M, x, Q, c=c))
+
+
+def neumann_pair(x, q, Q, *, c, mu):
+    M = wedge(x, q)
+    return moved(x, q, M, *pair(M, x, Q, c=c, mu=mu))
+
+
+def rational_neumann(n, draw):
+    """b, x, rho and the direction of Q at random; <x, Q> = 1, then mu and q from rho (mu - rho C + M) Q = x."""
+    b, turn, d = draw((n,)), cayley(skew(draw((n * (n - 1) // 2,)), n)), draw((n,))
+    c, x, rho = shifted_diagonal(b=b)["c"], turn[:, 0], abs(draw((1,)))[0]
+    Q = d / dot(x, d)
+    mu = (1 + rho * rho * dot(Q, c * Q)) / (rho * dot(Q, Q))
+    D = mu * Q - rho * c * Q
+    return (x, D - x * dot(x, D)), {"b": b}, rho * Q, mu, rho
+
+
+def gaussian_neumann(n, draw):
+    """x, rho, Q = u + iw with <x, Q> = 1, and Re mu at random; then b, Im mu and q by linear equations.
+
+    With D = mu - rho C: q = DQ + x (<q, Q> - 1/rho) is real, and <q, x> = 0.
+    """
+    turn, u, w, (r, i, x0) = cayley(skew(draw((n * (n - 1) // 2,)), n)), draw((n,)), draw((n,)), draw((3,))
+    x, rho = turn[:, 0], complex_number(r, i)
+    u, w = u + x * (1 - dot(x, u)), w - x * dot(x, w)
+    inverse = parts(1 / rho)
+
+    def conditions(c, y, tau, real):  # of C, mu = given + iy and Im DQ = tau x: linear
+        re, im = (real - r * c) * u - (y - i * c) * w, (real - r * c) * w + (y - i * c) * u
+        return np.append(im - tau * x, [dot(re, u), dot(re, w) + tau]), re
+
+    units = np.stack([conditions(e[:n], e[n], e[n + 1], 0 * r)[0] for e in identity(n + 2) + 0 * r], -1)
+    wanted = np.append(0 * x, [inverse[0], inverse[1]]) - conditions(0 * x, 0 * r, 0 * r, x0)[0]
+    *c, y, tau = solve(units, wanted[:, None])[:, 0]
+    c = np.array(c)
+    re = conditions(c, y, tau, x0)[1]
+    return (x, re - x * dot(x, re)), {"b": c}, rho * together(u, w), complex_number(x0, y) - rho * c.max(), rho
+
+
+NEUMANN = Baecklund(
+    point=lambda x, q, *, c, mu: curve(wedge(x, q), x, c=c, mu=mu),
+    vector=lambda x, q, *, c, mu, rho: eigenvector(wedge(x, q), x, c=c, mu=mu, rho=rho),
+    defect=lambda x, q, Q, *, rho: dot(x, Q) - rho,
+    step=neumann_step,
+    pair=neumann_pair,
+    arc=lambda x, q, Q: (x, Q),
+    arc_of_pair=lambda x, q, Q: arc_of_pair(q, x, Q),
+    darboux=lambda x, q, Q, *, rho, lam: darboux(wedge(x, q), x, Q, rho=rho, lam=lam),
+    block=lambda x, q: 0 * wedge(x, q),
+    case=rational_neumann,
+    pair_case=gaussian_neumann,
+    odd=-1,
+    source="the smallest leaf of clebsch",
+)
+
+
+# -- a body of revolution in a fluid, state (M, P) ---------------------------------------------------
+#
+# (a1 M, P) moves as in Clebsch's case with B = diag(0, ..., 0, beta), and rotates about the axis too, by `spin`,
+# which commutes with that.  So the maps are the ones of Clebsch's case for (a1 M, P).
+
+
+def step_of_revolution(M, P, Q, *, c, a1):
+    M1 = M + kick(P, Q, c=c) / mat(a1)
+    return M1, P - act(mat(a1) * (M + M1), Q)
+
+
+def pair_of_revolution(M, P, Q, *, c, a1, mu):
+    K, P1 = kick_and_turn(mat(a1) * M, P, Q, c=c, mu=mu)
+    return M + K / mat(a1), P1
+
+
+def spin(M, P, *, a1, a3, e):  # Omega - a1 M
+    return mat(a3 - a1) * project_out(M, e)
+
+
+def with_its_parameters(case, draw):
+    """A case of Clebsch's system with B = diag(0, ..., 0, beta) as one of this, with a3 = 1 and c1 = 0."""
+    (M, P), params, Q, mu, rho = case
+    a1 = 1 + abs(draw((1,)))[0]
+    parameters = {"a1": a1, "a3": a1 / a1, "c1": 0 * a1, "c3": -params["b"][-1] / a1, "n": len(params["b"])}
+    return (M / a1, P), parameters, Q, mu, rho
+
+
+def along_axis(n, draw):
+    return draw((n,)) * ([0] * (n - 1) + [1])
+
+
+OF_REVOLUTION = Baecklund(
+    point=lambda M, P, *, c, a1, mu: curve(mat(a1) * M, P, c=c, mu=mu),
+    vector=lambda M, P, *, c, a1, mu, rho: eigenvector(mat(a1) * M, P, c=c, mu=mu, rho=rho),
+    defect=BAECKLUND.defect,
+    step=step_of_revolution,
+    pair=pair_of_revolution,
+    spin=spin,
+    arc_of_pair=lambda M, P, Q, *, a1: arc_of_pair(mat(a1) * M, P, Q),
+    block=lambda M, P, *, a1: block(mat(a1) * M, P),
+    arc=arc,
+    darboux=darboux,
+    axis="e",
+    case=lambda n, draw: with_its_parameters(rational_case(n, draw, along_axis), draw),
+    pair_case=lambda n, draw: with_its_parameters(gaussian_case(n, draw, along_axis), draw),
+    odd=-1,
+    source="clebsch, for (a1 M, P)",
 )

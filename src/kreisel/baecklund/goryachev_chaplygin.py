@@ -21,7 +21,7 @@ Im int_oo^l 2 u du/y = h and Im int_oo^l 2 du/y = 0.
 import numpy as np
 
 from kreisel.algebra import axial, complex_number, conjugate, dot, hat, parts, rounded, sqrt, where_less
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.baecklund.conjugate import legendre
 from kreisel.record.contract import ExactMap
 

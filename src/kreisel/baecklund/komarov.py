@@ -20,7 +20,7 @@ import numpy as np
 from kreisel.algebra import KINDS, axial, bracket, cross, dot, hat, identity, mat, parts, sqrt, vec, where_less
 from kreisel.algebra import shifted_resolvent as resolvent
 from kreisel.algebra import together as complex_of
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.baecklund.conjugate import LARGE, largest, longest, norm
 from kreisel.errors import InputError
 from kreisel.record.contract import ConjugatePairs

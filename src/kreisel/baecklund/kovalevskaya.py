@@ -28,7 +28,7 @@ from kreisel.algebra import (
     wedge,
     where_less,
 )
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.algebra.matrices import adjugate
 from kreisel.baecklund.conjugate import longest, norm, projector_of, under
 from kreisel.record.contract import ConjugatePairs

@@ -1,4 +1,4 @@
-"""Bäcklund transformations of the Lagrange top, rest frame, state (m, a).
+"""Bäcklund transformations of the Lagrange top: rest frame, state (m, a); moving frame, state (M, P).
 
 On the spectral curve (mu - m) e = 2 (a - rho p), <e, e> = 4 rho, with rho = 1/lambda^2; then
 
@@ -156,4 +156,43 @@ BAECKLUND = Baecklund(
     case=rational_case,
     pair_case=gaussian_case,
     source="the Lax matrix of Suris 2001, section 5; derivation in docs/baecklund.md",
+)
+
+
+# -- moving frame: (m, a, p) = (-M, P, A), L(lambda) = -l(1/lambda) ----------------------------------
+
+
+def inside(state):
+    m, a = state
+    return -m, a
+
+
+def spin_inside(M, P, *, A, alpha):  # Omega - M
+    return mat((1 - alpha) / alpha / dot(A, A)) * project_out(M, A)
+
+
+def case_of(case):
+    def drawn(n, draw):
+        state, params, e, mu, rho = case(n, draw)
+        return inside(state), {"A": params["p"], "alpha": params["alpha"]}, e, mu, rho
+
+    return drawn
+
+
+MOVING = Baecklund(
+    point=lambda M, P, *, A, mu: curve(-M, P, p=A, mu=mu),
+    vector=lambda M, P, *, A, mu, rho: eigenvector(-M, P, p=A, mu=mu, rho=rho),
+    defect=BAECKLUND.defect,
+    step=lambda M, P, e, *, A: inside(step(-M, P, e, p=A)),
+    pair=lambda M, P, e, *, A: inside(pair(-M, P, e, p=A)),
+    spin=spin_inside,
+    arc=arc,
+    arc_of_pair=arc_of_pair,
+    darboux=lambda M, P, e, *, rho, lam: darboux(M, P, e, rho=rho, lam=1 / lam),
+    block=block,
+    axis="A",
+    largest_step=lambda M, P, *, A: largest_step(-M, P, p=A),
+    case=case_of(rational_case),
+    pair_case=case_of(gaussian_case),
+    source="lagrange-top under (m, a, p) = (-M, P, A)",
 )

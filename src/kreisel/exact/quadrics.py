@@ -44,8 +44,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.exact.rotor_step import restored
-from kreisel.exact.weierstrass import laurent
+from kreisel.exact.rotor_step import laurent, restored
 
 METRIC = np.diag([1, 1, 1, -1])
 ORDERS = 16  # of Laurent's series of wp: its terms fall by 9 or more; of a step, at half the time

@@ -30,7 +30,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.exact.weierstrass import laurent
+from kreisel.exact.rotor_step import laurent
 
 NODES = 8  # of Gauss's rule, in the half of its interval
 ORDERS = 16  # of Laurent's series

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from kreisel.algebra.complex import Complex, Ring, is_array
+from kreisel.algebra.backend import Complex, Ring, is_array
 from kreisel.graph.graph import Number, fma, integer_power, sign, where_less
 
 Pair = tuple[Any, Any]

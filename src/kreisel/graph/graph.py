@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel.algebra.complex import Ring
-from kreisel.algebra.memory import entry
+from kreisel.algebra.backend import Ring
+from kreisel.algebra.iteration import entry
 from kreisel.algebra.recorded import POWER, NotRecorded, Recorded
 
 # Operations: arithmetic; MAX (x unless y > x), SIGN (-1 where x < 0, else 1), SIZE (|x|), NEAREST (the
 # integer next to x, of two the even one) and WHERE (of x, y, a, b: a where x < y, else b).
-# ENTRY (address, row, last, column, stride): the entry of a table in memory (`kreisel.algebra.memory`).
+# ENTRY (address, row, last, column, stride): the entry of a table in memory (`kreisel.algebra.iteration`).
 PLUS, MINUS, TIMES, OVER, FMA, SQRT, MAX, SIGN = "+", "-", "*", "/", "fma", "sqrt", "max", "sign"
 SIZE, NEAREST, WHERE, ENTRY = "size", "nearest", "where", "entry"
 TRANSCENDENTAL = ("sin", "cos", "exp", "log")
@@ -354,7 +354,7 @@ class Number(Ring, Recorded):
         return self.graph.branch(self, body, values)
 
     def record_entry(self, address: Any, row: Any, last: Any, column: int, stride: int) -> Any:
-        """`kreisel.algebra.memory.entry`; 0 for the address 0."""
+        """`kreisel.algebra.iteration.entry`; 0 for the address 0."""
         if not isinstance(address, Number):
             if address == 0:
                 return 0.0

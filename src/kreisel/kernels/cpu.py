@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from kreisel.kernels.large.forms import LargeForm
 import math
 
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.graph.double import DoubleDouble
 from kreisel.graph.recording import as_operands, fill, recorded_arguments
 

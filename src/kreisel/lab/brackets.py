@@ -18,7 +18,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, objects
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.errors import InputError, explained
 from kreisel.lab import modular
 from kreisel.lab.exact import Pole, independent, slopes

@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, objects
-from kreisel.algebra.complex import Complex, Ring
+from kreisel.algebra.backend import Complex, Ring
 from kreisel.algebra.recorded import Recorded
 from kreisel.errors import InputError, shown
 from kreisel.record.contract import Parameter, System

@@ -18,7 +18,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.errors import InputError, explained, shown
 from kreisel.lab import exact
 from kreisel.lab import law as orders

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from kreisel.algebra import Array, objects
-from kreisel.algebra.complex import Ring
+from kreisel.algebra.backend import Ring
 from kreisel.errors import InputError
 from kreisel.lab.exact import Pole, Random, fraction, independent, require_flint, slopes
 

@@ -1,22 +1,32 @@
-"""method="exact": the flow of the Lagrange top and of free bodies, n = 3, in closed form; others by their modules."""
+"""method="exact": the flow of the Lagrange top and of free bodies, n = 3, in closed form; others by a pair of maps.
+
+The flow over dt is then that of copies of one conjugate pair of Bäcklund maps.  For n = 3 the commuting fields span two
+directions in addition to the symmetry of the state, so two parameters suffice: mu, complex, with
+D_eps D_conj(eps) = Phi_h, eps = 2/mu.  It is found once a trajectory by Newton's method in extended precision against a
+product of order 24; near h = 0 it is the zero of the Padé approximant of order 4 over h.  The integrals of the map are
+those of the flow.  A rotation that commutes with the maps, `spin`, is applied as well.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.errors import InputError
 from kreisel.exact import gyrostat
 from kreisel.exact.motion import UNTURNED, TopMotion
 from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.rotor import Rotor
-from kreisel.method.observing import State, observer, scheme_of
-from kreisel.method.pairs import exact_pair
-from kreisel.method.scheme import Jump, Orbits, Scheme, Spin, Steps
+from kreisel.method.baecklund import pade_zeros, spin_turns, stage, stage_points, turned_with_body
+from kreisel.method.observing import Only, State, observer, scheme_of
+from kreisel.method.records import METHODS
+from kreisel.method.scheme import SPINS, Jump, Orbits, Scheme, Spin, Steps
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, Orbit, States
 from kreisel.record.model import Model
@@ -149,3 +159,217 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
     motion = _top if form.moments is None else _body
     return scheme_of("exact", model, motion(model, oriented), (observe, outcomes), oriented)
+
+
+REACH = 6.0  # rate times time of a pair that is tried first: of 40 random bodies it was found for all
+MOST_TRIALS = 8  # each with more copies
+NEWTON_STEPS = 14
+SETTLED = 64  # residual in units of the last place of the extended values
+BETWEEN = 20  # steps between projections at most: 1 % of the time; with 500 errors are four to twenty times as large
+LEAST_REAL = 0.5  # of mu h, which is 3 for short times
+MOST_COPIES = 1_000_000  # of a pair in a step: tens of megabytes a lane
+
+
+def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
+    """The exact flow of a body in e*(3) with Bäcklund maps, or of its leaf; see the module.
+
+    Raises `InputError` where no pair is found.
+    """
+    body, carry, back = _in_coadjoint(model)
+    record: Any = body.system.baecklund
+    spins = record.spin is not None
+    observe, outcomes = observer(model, oriented, conserved=("casimir", "energy", *model.system.integrals))
+
+    def observed(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
+        out = observe((*back(z[:2]), *z[2:]), only, **constants)
+        # on a leaf <x, q> = 0 is <M, P> = 0, which (x, q) do not show and rounding would lose
+        if body is not model and "casimir" in out:
+            out["casimir"] = np.stack([out["casimir"][..., 0], algebra.dot(algebra.axial(z[0]), z[1])], -1)
+        return out
+
+    def prepare(x0: State) -> State:
+        return (*carry(x0[:2]), *x0[2:])
+
+    def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
+        state = carry(x0[:2])
+        copies, mu = parameter(body, state, dt)
+        rho = call(record.point, _wide(state), {**_wide_constants(body), "mu": mu})
+        numbers = {"mu_re": mu.real, "mu_im": mu.imag, "rho_re": rho.real, "rho_im": rho.imag}
+        stages = {k: np.repeat(np.asarray(v, dtype=np.float64)[..., None], copies, -1) for k, v in numbers.items()}
+        constants = _turn_in_space(body, state, x0[2], dt, copies, mu) if oriented else {}
+        turns = spin_turns(body.call(record.spin, *state), dt) if spins else ()
+        return constants | dict(zip(SPINS, turns, strict=False)), stages
+
+    def step(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **constants: Array) -> State:
+        mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
+        return stage(record, z, 2, {**constants, "mu": mu, "rho": rho}, True, True)
+
+    def close(*z: Array, **constants: Array) -> State:
+        state = turned_with_body(body.system.space.kinds, z[:2], constants, record.axis) if spins else z[:2]
+        for g in z[2:]:  # turned in space by the quaternion (cos, sin), and in the body by the spin
+            turn = algebra.quaternion(constants["cos"], constants["sin"] + 0 * g[..., 1:])
+            g = algebra.unit(algebra.quaternion_product(turn, g))
+            for half in SPINS if spins else ():
+                g = algebra.turn_right(g, constants[half])
+            state = (*state, g)
+        return tuple(state)
+
+    numbers = dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0)
+    return scheme_of(
+        "exact",
+        body,
+        Steps(step, close if oriented or spins else None),
+        (observed, outcomes),
+        oriented,
+        axes={**body.axes, **numbers, "sin": 1, **dict.fromkeys(SPINS, 2)},
+        prepare=prepare,
+        reopen=prepare,
+        trajectory=trajectory,
+        between=BETWEEN,
+    )
+
+
+def _in_coadjoint(model: Model) -> tuple[Model, Callable[[State], State], Callable[[State], State]]:
+    """The body in e*(3) that moves as the model does, and the change of state there and back."""
+    if "skew" in model.system.space.kinds:
+        return model, lambda x: tuple(x[:2]), lambda z: z
+    from kreisel.system import find
+
+    (relation,) = (r for r in model.system.relations if r.back is not None)
+    params = {p.letter: model.constants[p.letter] for p in model.system.parameters}
+
+    def carry(x: State) -> State:
+        return tuple(relation.carry(*x[:2], None, **params)[0])
+
+    def back(z: State) -> State:
+        return tuple(call(relation.back, z, {}))
+
+    return find(relation.target)(**params), carry, back
+
+
+# -- the parameter of the pair ------------------------------------------------------------------------
+
+
+def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
+    """(copies, mu): the pair with parameter mu, ([lane]), is the flow over dt/copies."""
+    fastest = float(np.max(_rate(model, state)))
+    if dt * fastest > MOST_COPIES * REACH:
+        raise InputError(
+            f"dt: expected at most {MOST_COPIES * REACH / fastest:.3g}, {MOST_COPIES:,} pairs of maps of "
+            f"{model.system.name}, for method='exact', got {dt:g}. Use a smaller dt, and every=... to save as few rows."
+        )
+    copies = max(1, int(np.ceil(dt * fastest / REACH)))
+    record: Any = model.system.baecklund
+    first = np.asarray(complex(pade_zeros(2)[0]) / dt)
+    with np.errstate(all="ignore"):
+        alive = np.isfinite(model.call(record.point, *state, mu=first)).all()
+    for _ in range(MOST_TRIALS if alive else 0):
+        mu, result = _newton(model, state, dt / copies)
+        if result.all():
+            return copies, mu.astype(complex)
+        copies = copies + max(1, copies // 2)
+    raise InputError(
+        f"No conjugate pair was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. "
+        "Look for a state that is zero or not finite; else use method='baecklund' with a high order."
+    )
+
+
+def _rate(model: Model, state: State) -> Array:
+    """About the fastest rate of the motion, from its right-hand side linearised along the state."""
+    flat, kinds, slopes = _flat(state), model.system.space.kinds, []
+    for i in range(flat.shape[-1]):
+        step = np.zeros(flat.shape[-1])
+        step[i] = 1.0
+        # exact: the field is quadratic
+        up, down = (model.flow(*algebra.restore(flat + s * step, kinds, 3)) for s in (0.5, -0.5))
+        slopes.append(_flat(up) - _flat(down))
+    return np.linalg.norm(np.stack(slopes, -1), 2, (-2, -1))
+
+
+def _flat(z: State) -> Array:
+    return np.concatenate([algebra.coordinates(z[0]), z[1]], -1)
+
+
+def _wide(state: State) -> State:
+    return tuple(np.asarray(x).astype(np.longdouble) for x in state)
+
+
+def _wide_constants(model: Model) -> dict[str, Array]:
+    return {k: np.asarray(v).astype(np.longdouble) for k, v in model.constants.items()}
+
+
+def _pair(model: Model, z: State, mu: Array) -> State:
+    """The conjugate pair in extended precision; it rotates an orientation too, but for a rotation about P in space."""
+    record: Any = model.system.baecklund
+    with np.errstate(all="ignore"):
+        constants = {**_wide_constants(model), "mu": mu}
+        constants["rho"] = call(record.point, z[:2], constants)
+        return stage(record, z, 2, constants, True, True)
+
+
+def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
+    """mu of each lane in extended precision, and if it is one of the near branch."""
+    z = _wide(state)
+    batch = np.broadcast_shapes(*(v.shape for v in model.constants.values() if v.ndim > 1), ())[:-1]
+    batch = np.broadcast_shapes(batch, state[1].shape[:-1])
+    want, _ = _flown(model, z, h, batch)
+    target, last = _flat(want), np.finfo(np.longdouble).eps
+    mu = np.full(batch, complex(pade_zeros(2)[0]) / h, dtype=np.clongdouble)
+    size = abs(target).max(-1)
+    for _ in range(NEWTON_STEPS):
+        miss = _flat(_pair(model, z, mu[()])) - target
+        if (abs(miss).max(-1) <= SETTLED * last * size).all():
+            break
+        change = np.sqrt(last) * abs(mu)
+        slopes = [
+            (_flat(_pair(model, z, (mu + change * way)[()])) - target - miss) / change[..., None] for way in (1, 1j)
+        ]
+        change, most = _least_squares(slopes, -miss), abs(mu) / 3
+        size_of = abs(change)
+        mu = mu + change * np.where(size_of > most, most / np.where(size_of > 0, size_of, 1), 1)
+    near = (abs(miss).max(-1) <= SETTLED * last * size) & (mu.real * h > LEAST_REAL)
+    return mu, near
+
+
+def _flown(model: Model, z: State, h: float, batch: tuple[int, ...]) -> tuple[State, list[Array]]:
+    """The flow over h by a product of order 24, and the mu of its pairs."""
+    parts = max(1, int(np.ceil(h * float(np.max(_rate(model, tuple(x.astype(float) for x in z[:2])))))))
+    points = [
+        np.full(batch, mu, dtype=np.clongdouble)[()] for mu in stage_points(METHODS["baecklund"].orders[-1], h / parts)
+    ] * parts
+    for point in points:
+        z = _pair(model, z, point)
+    return z, points
+
+
+def _turn_in_space(model: Model, state: State, g: Array, dt: float, copies: int, mu: Array) -> dict[str, Array]:
+    """The rotation about p = g P that a step of the flow makes beyond the pairs: with them it commutes, so it is
+    constant.
+
+    In the product of order 24 each pair rotates by prod cay(eps/2 block) about p; the exact pair by the difference.
+    """
+    record: Any = model.system.baecklund
+    unit = np.zeros((*mu.shape, 4), dtype=np.longdouble)
+    unit[..., 0] = 1
+    start = (*_wide(state), unit)
+    true, points = _flown(model, start, dt / copies, mu.shape)
+    pair = _pair(model, start, mu.astype(np.clongdouble)[()])
+    P = state[1].astype(np.longdouble)
+    along = P / np.sqrt(algebra.dot(P, P))[..., None]
+    theta = algebra.dot(algebra.axial(call(record.block, start[:2], _wide_constants(model))), along)
+    by_maps = sum(4 * np.arctan(theta / point).real for point in points)
+    back = pair[2] * np.array([1, -1, -1, -1])
+    left = algebra.quaternion_product(true[2], back)
+    half = copies * (by_maps / 2 + np.arctan2(algebra.dot(left[..., 1:], along), left[..., 0]))
+    axis = algebra.act(algebra.rotation_matrix(g.astype(np.longdouble)), along)
+    axis = axis / np.sqrt(algebra.dot(axis, axis))[..., None]
+    return {"cos": np.cos(half).astype(float), "sin": (np.sin(half)[..., None] * axis).astype(float)}
+
+
+def _least_squares(slopes: list[Array], want: Array) -> Array:
+    """x + iy with x slopes[0] + y slopes[1] nearest to `want`."""
+    (a, b), dot = slopes, algebra.dot
+    aa, bb, ab, aw, bw = dot(a, a), dot(b, b), dot(a, b), dot(a, want), dot(b, want)
+    ridge = np.finfo(np.longdouble).eps * (aa + bb)
+    det = (aa + ridge) * (bb + ridge) - ab * ab
+    return ((bb + ridge) * aw - ab * bw + 1j * ((aa + ridge) * bw - ab * aw)) / det

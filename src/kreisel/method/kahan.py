@@ -22,11 +22,10 @@ from typing import Any
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import Array
+from kreisel.algebra import Array, cross
 from kreisel.algebra.gradient import value_and_jacobian
 from kreisel.algebra.invariants import stack
 from kreisel.algebra.reuse import reused
-from kreisel.algebra.skew import cross
 from kreisel.errors import InputError
 from kreisel.method.composition import DEFECT, composed
 from kreisel.method.observing import Only, State, observer, turned_by_velocity

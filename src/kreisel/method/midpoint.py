@@ -23,7 +23,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
-from kreisel.algebra.spins import Spins, cross, inner
+from kreisel.algebra.matrices import Spins, cross, inner
 from kreisel.method.composition import DEFECT, composed
 from kreisel.method.kahan import is_euler_top, linear_integrals
 from kreisel.method.observing import State, observer, turned_by_velocity

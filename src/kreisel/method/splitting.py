@@ -1,6 +1,6 @@
 """method="splitting": perturbed bodies, by flows of the integrable part and of the perturbation one after the other.
 
-A step is A for a_1 h, B for b_1 h, A for a_2 h, ..., symmetric (`splitting_coefficients`).  A is the integrable motion,
+A step is A for a_1 h, B for b_1 h, A for a_2 h, ..., symmetric (`composition`).  A is the integrable motion,
 in closed form if it is known as one short step, else by a map of high order; B is the flow of the perturbation with
 the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds in symmetric order,
 
@@ -38,11 +38,10 @@ from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of,
 from kreisel.forces.product import Factor, of_bodies
 from kreisel.forces.turns import turns_of
 from kreisel.method import driven, observing
-from kreisel.method.composition import symmetric_composition
+from kreisel.method.composition import Splitting as Fractions
+from kreisel.method.composition import corrector, inverse, splitting, symmetric_composition
 from kreisel.method.observing import COUNT, ORIENTATION, WORK, Observed, Only, State, as_matrix, scheme_of
 from kreisel.method.scheme import COUPLED_N, Corrector, CoupledSteps, Guard, Numbers, Scheme, Steps, too_large_to_couple
-from kreisel.method.splitting_coefficients import Splitting as Fractions
-from kreisel.method.splitting_coefficients import corrector, inverse, splitting
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, Map, System
 from kreisel.record.model import Model

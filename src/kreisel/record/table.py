@@ -22,7 +22,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import Array, memory
+from kreisel.algebra import Array, iteration
 from kreisel.algebra.gradient import TracedNumber, with_slope
 from kreisel.algebra.recorded import RecordedArray
 from kreisel.errors import InputError, explained, shown
@@ -239,7 +239,7 @@ def handles(packed: Array) -> tuple[Array, tuple[Array, ...]]:
             t, held = _parts(table)[0], bool(table[3])
             h = _spacing(t) or 1.0
             rows.append(_rows_of(table))
-            out[i] = memory.address_of(rows[-1]), len(rows[-1]) - 1, t[0] + (0.5 - held) * h, 1 / h
+            out[i] = iteration.address_of(rows[-1]), len(rows[-1]) - 1, t[0] + (0.5 - held) * h, 1 / h
     return out.reshape((*packed.shape[:-1], 4)), tuple(rows)
 
 
@@ -276,7 +276,7 @@ def _read(handle: Sequence[Any], t: Any, form: Form, order: int) -> list[Any]:
     stride = 2 + per * max(form.columns, 1)
 
     def entry(row: Any, column: int) -> Any:
-        return memory.entry(address, row, last, column, stride)
+        return iteration.entry(address, row, last, column, stride)
 
     if form.halvings:
         row: Any = 0.0

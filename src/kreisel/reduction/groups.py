@@ -35,7 +35,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
 from kreisel.record.calling import Portable
-from kreisel.reduction import linear, newton
+from kreisel.reduction import solving
 from kreisel.reduction.double import double, jax
 
 jnp = jax.numpy
@@ -139,7 +139,7 @@ class Group:
 
     def inverse(self, g: Array) -> Array:
         """g^-1."""
-        return g.conj().T if self.unitary else linear.inverse(g)
+        return g.conj().T if self.unitary else solving.inverse(g)
 
     @property
     def size(self) -> int:
@@ -183,7 +183,7 @@ class Group:
 
     def solved(self, off: Callable[..., Array], *args: Array) -> Array:
         """The W with off(W, *args) = 0 on the branch of W = I; NaN if there is none."""
-        return self.retract(newton.find_root(lambda x, *args: off(self.retract(x), *args), self.dim, *args))
+        return self.retract(solving.find_root(lambda x, *args: off(self.retract(x), *args), self.dim, *args))
 
     def unretract(self, W: Array) -> Array:
         """The x with retract(x) = W: the coordinates of 2 (W + I)^-1 (W - I), or of log W by Newton's method."""
@@ -196,7 +196,7 @@ class Group:
         def off(x: Array, W: Array) -> Array:
             return self.coordinates(jax.scipy.linalg.expm(-self.matrix(x)) @ W - unit)
 
-        return newton.find_root(off, self.dim, W)
+        return solving.find_root(off, self.dim, W)
 
     def ad_star(self, x: Array, M: Array) -> Array:
         """ad*_xi M in coordinates."""

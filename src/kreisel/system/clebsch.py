@@ -111,7 +111,7 @@ SYSTEM = System(
     commuting=("spectrum",),
     map=MAP,
     baecklund=BAECKLUND,
-    pairs=in_letter(CLEBSCH, "b", dimensions=(4, 5)),  # n = 3: one pair, `kreisel.method.pairs`
+    pairs=in_letter(CLEBSCH, "b", dimensions=(4, 5)),  # n = 3: one pair, `kreisel.method.exact`
     derive=shifted_diagonal,
     relations=(
         Relation("clebsch-general", lambda M, P, g, *, b: ((M, P), {"a": b, "b": b}), meaning="the flow a = b"),

@@ -9,9 +9,9 @@ integrals are conserved exactly; the integrals of the explicit map of `clebsch`,
 from dataclasses import replace
 from math import inf
 
+from kreisel import implicit
 from kreisel.algebra import cayley_act, dot, identity, mat, sqrt
 from kreisel.baecklund.conjugate import CLEBSCH, of_body
-from kreisel.implicit import branch
 from kreisel.record.contract import MOVING_SPACE, ClosedForm, Relation, implicit_map, named, pullback
 from kreisel.system import clebsch_general, euler_top, quadratic_potential
 
@@ -54,7 +54,7 @@ def conjugator(M, P, *, J, c, lam, eps):  # J + l Q W
 
 
 def largest_step(M, P, *, J, enough=inf):
-    return branch.largest_step(M, J, outer(P), enough)
+    return implicit.largest_step(M, J, outer(P), enough)
 
 
 SYSTEM = replace(

@@ -12,12 +12,12 @@ from math import inf
 
 import numpy as np
 
+from kreisel import implicit
 from kreisel.algebra import cayley, cayley_conjugate, identity, pairing
 from kreisel.algebra.invariants import metric_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import MANAKOV, of_body
 from kreisel.errors import InputError
-from kreisel.implicit import branch, quartic
 from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, Relation, System, implicit_map, named
 from kreisel.record.values import check_diagonal
 
@@ -52,12 +52,12 @@ def lax(M, *, J, c, lam):  # L = lambda J^2 + M,   U = lambda J + Omega
 
 def turn(M, *, J, c, eps, sigma=None):
     """X with W = cay(X), and the square of its estimated error."""
-    return quartic.turn(M, J, eps, sigma) if M.shape[-1] == 3 else turn_by_doubling(M, J, c, eps)
+    return implicit.turn_by_quartic(M, J, eps, sigma) if M.shape[-1] == 3 else turn_by_doubling(M, J, c, eps)
 
 
 def trajectory(M, *, J, eps):
     """Argument of `turn` that is the same for all steps, n = 3: the root of its quartic equation."""
-    return quartic.root(M, J, eps)[0]
+    return implicit.root(M, J, eps)[0]
 
 
 def turn_by_doubling(M, J, c, eps):
@@ -68,7 +68,7 @@ def turn_by_doubling(M, J, c, eps):
         XM = X @ M
         return (X * J[..., :, None] + X * J[..., None, :]) - eps / 2 * (M - (XM - XM.mT) - XM @ X)
 
-    return branch.corrected(branch.turn(M, J, unit, unit, eps), residual, c)
+    return implicit.corrected(implicit.turn(M, J, unit, unit, eps), residual, c)
 
 
 def move(M, X):
@@ -97,7 +97,7 @@ def largest_step(M, *, J, enough=inf):
             "method='veselov' of euler-top: expected J > 0, got a flat body, one J_i = 0: Moser and Veselov's map is "
             "not known for it here. Use method='exact' (n = 3), or 'dop853'."
         )
-    return branch.largest_step(M, J, 0 * M, enough)
+    return implicit.largest_step(M, J, 0 * M, enough)
 
 
 MAP = implicit_map(

@@ -11,8 +11,8 @@ P), then the rotation by cay(eps/2 (a_3 - a_1) N).  Plus bracket, F' = {H, F}.
 import numpy as np
 
 from kreisel.algebra import act, dot, identity, mat, pairing, project_out, solve, vec, wedge
-from kreisel.algebra.cayley import cayley, cayley_act, cayley_conjugate
-from kreisel.baecklund.kirchhoff_revolution import BAECKLUND
+from kreisel.algebra.rotations import cayley, cayley_act, cayley_conjugate
+from kreisel.baecklund.clebsch import OF_REVOLUTION
 from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, kicked_map, named, pullback
 from kreisel.record.values import positive
 from kreisel.system import clebsch
@@ -107,7 +107,7 @@ SYSTEM = System(
         lax=of_clebsch(clebsch.lax_matrix),
         source="Suris 2001, section 7, and a rotation about the axis",
     ),
-    baecklund=BAECKLUND,
+    baecklund=OF_REVOLUTION,
     relations=(
         Relation(
             "kirchhoff",

@@ -7,10 +7,10 @@ mass tensor: alpha/2, ..., alpha/2 and 1 - alpha/2 along A.
 """
 
 from kreisel.algebra import act, dot, identity, log, mat, pairing, project_out, trace_log, vec, wedge
-from kreisel.algebra.cayley import cayley, cayley_act, cayley_conjugate, moebius, resolvent
 from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
-from kreisel.baecklund.lagrange_top_moving import BAECKLUND
+from kreisel.algebra.rotations import cayley, cayley_act, cayley_conjugate, moebius, resolvent
+from kreisel.baecklund.lagrange_top import MOVING
 from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System, named
 from kreisel.record.values import nonzero_alpha, nonzero_vector
 
@@ -129,7 +129,7 @@ SYSTEM = System(
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     map=MAP,
-    baecklund=BAECKLUND,
+    baecklund=MOVING,
     closed_form=ClosedForm(top=lambda M, P, *, A: (M, A, P)),
     relations=(
         Relation(

@@ -20,7 +20,7 @@ import numpy as np
 
 from kreisel.algebra import log, sqrt, vec
 from kreisel.algebra.invariants import stack
-from kreisel.algebra.spins import cross, inner, shifted
+from kreisel.algebra.matrices import cross, inner, shifted
 from kreisel.errors import InputError
 from kreisel.record.contract import Map, Parameter, System, named
 from kreisel.record.spheres import LATTICE_SPACE

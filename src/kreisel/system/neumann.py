@@ -8,8 +8,7 @@ potential by errata E6 and E7; the map is Adler's]
 
 from kreisel.algebra import dot, log, mat, vec, wedge
 from kreisel.algebra.invariants import plane_spectrum
-from kreisel.baecklund.clebsch import shifted_diagonal
-from kreisel.baecklund.neumann import BAECKLUND, on_sphere
+from kreisel.baecklund.clebsch import NEUMANN, on_sphere, shifted_diagonal
 from kreisel.record.contract import Map, Parameter, Relation, System, named, pullback
 from kreisel.record.spheres import SPHERE_SPACE
 from kreisel.system import clebsch
@@ -108,7 +107,7 @@ SYSTEM = System(
         lax=of_clebsch(clebsch.lax_matrix),
         source="Suris 2001, section 7, end (Adler's discretization)",
     ),
-    baecklund=BAECKLUND,
+    baecklund=NEUMANN,
     derive=shifted_diagonal,
     relations=(Relation("clebsch", to_clebsch, "step", "M = x ^ q, P = x", back=on_sphere),),
     notes="On the sphere the spectrum has rank n - 1, which is complete.",

@@ -13,11 +13,11 @@ Notices 2000, no. 12; the flow by Brun, Bogoyavlensky, Reyman; named in Suris 20
 from dataclasses import replace
 from math import inf
 
+from kreisel import implicit
 from kreisel.algebra import KINDS, bracket, cayley, cayley_conjugate, identity, pairing, resolvent, solve
 from kreisel.algebra.invariants import laurent_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import QUADRATIC, of_body
-from kreisel.implicit import branch
 from kreisel.record.contract import QUADRATIC_SPACE, ClosedForm, implicit_map, named
 from kreisel.system import euler_top
 from kreisel.system.euler_top import inverse_inertia
@@ -67,7 +67,7 @@ def solved(M, P, R, *, J, c, eps):
         A = Q @ resolvent(X, X) @ D
         return A - A.mT - tilt / 2
 
-    return branch.corrected(branch.turn(M, J, Q, unit - square * P, eps), residual, c)
+    return implicit.corrected(implicit.turn(M, J, Q, unit - square * P, eps), residual, c)
 
 
 def turn(M, P, *, J, c, eps):
@@ -109,7 +109,7 @@ def conjugator(M, P, *, J, c, lam, eps):
 
 
 def largest_step(M, P, *, J, enough=inf):
-    return branch.largest_step(M, J, P, enough)
+    return implicit.largest_step(M, J, P, enough)
 
 
 SYSTEM = replace(

@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import bracket, coordinates, dot, hat, identity, mat, pairing, skew, solve, sqrt, vec, wedge
-from kreisel.algebra.cayley import cayley, cayley_act, cayley_conjugate
 from kreisel.algebra.invariants import stack
+from kreisel.algebra.rotations import cayley, cayley_act, cayley_conjugate
 from kreisel.record.contract import Parameter, kicked_map, named
 from kreisel.system import ratiu_top
 

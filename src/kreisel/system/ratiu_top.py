@@ -14,9 +14,8 @@ Conclusions; the map was made here]
 import numpy as np
 
 from kreisel.algebra import KINDS, bracket, dot, hat, holds_objects, identity, mat, pairing, skew, solve, vec, wedge
-from kreisel.algebra.cayley import cayley, cayley_conjugate
 from kreisel.algebra.invariants import trace_of_product
-from kreisel.algebra.skew import axial, coordinates, cross
+from kreisel.algebra.rotations import axial, cayley, cayley_conjugate, coordinates, cross
 from kreisel.record.contract import ADJOINT_SPACE, Parameter, System, kicked_map, named
 from kreisel.record.values import positive
 from kreisel.system import quadratic_field as general

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 from kreisel.algebra import act, cayley_act, dot, identity, project_out, trace_log, wedge
 from kreisel.baecklund import lagrange_top as maps
-from kreisel.baecklund import lagrange_top_moving
 from kreisel.record.contract import MOVING_SPACE, ClosedForm, Parameter, Relation, System, kicked_map, named, pullback
 from kreisel.record.values import nonzero_vector
 from kreisel.system import lagrange_top
@@ -90,11 +89,11 @@ SYSTEM = System(
     commuting=("spectrum",),
     map=MAP,
     baecklund=replace(
-        lagrange_top_moving.BAECKLUND,
+        maps.MOVING,
         spin=None,
         darboux=lambda M, P, e, *, rho, lam: maps.darboux(M, P, e, rho=rho, lam=lam),
-        case=case_of(lagrange_top_moving.BAECKLUND.case),
-        pair_case=case_of(lagrange_top_moving.BAECKLUND.pair_case),
+        case=case_of(maps.MOVING.case),
+        pair_case=case_of(maps.MOVING.pair_case),
     ),
     closed_form=ClosedForm(top=lambda M, P, *, A: (M, A, P)),
     relations=(

@@ -20,7 +20,7 @@ from llvmlite import ir
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.baecklund import conjugate
 from kreisel.graph.double import DoubleDouble, upper

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.baecklund import conjugate
 from kreisel.baecklund.conjugate import HEIGHTS
 from kreisel.graph.arranging import arranged

@@ -22,7 +22,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.graph.graph import Number
 
 Entry = Any  # a recorded number, complex of recorded, or plain

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, dot, identity, moebius, solve
-from kreisel.algebra.complex import Complex
+from kreisel.algebra.backend import Complex
 from kreisel.algebra.invariants import determinant
 from kreisel.algebra.matrices import blocks
 from kreisel.baecklund.komarov import PENCIL

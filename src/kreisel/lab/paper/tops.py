@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.algebra import Array, act, bracket, cayley, cayley_act, dot, identity, log, moebius, pairing, solve, wedge
 from kreisel.algebra.matrices import border, diagonal
-from kreisel.algebra.skew import triangle
+from kreisel.algebra.rotations import triangle
 from kreisel.lab.exact import coefficient, generator
 from kreisel.lab.law import Sides
 from kreisel.lab.paper import calculus, setting
