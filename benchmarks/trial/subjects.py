@@ -197,7 +197,7 @@ def _spins_file(here: Any, rng: random.Random, chosen: Any) -> Any:
 def _other_npz(rng: random.Random) -> bytes:
     import io
 
-    names = ("format", "simulation", "z", "c", "names", "dt", "seen")
+    names = ("format", "simulation", "z", "c", "axes", "names", "dt", "seen")
     file = io.BytesIO()
     values = [np.zeros(rng.choice([(), (1,), (1, 7), (2, 3)]), rng.choice(["f8", "i8", "U3", "u1"])) for _ in names]
     if rng.random() < 0.5:

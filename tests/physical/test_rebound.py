@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 import rebound
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from clouds import G as CODATA
@@ -53,6 +55,30 @@ def attached(integrator: str, per: int = 60, **star: float) -> Spins:
         0: Body(inertia=4e-3, spin=(0, 1, 3), radius=0.2, **{"love": 0.5, **star}),
     }
     return attach(sim, bodies, dt=sim.dt if integrator in ("ias15", "bs") else None)
+
+
+def test_orientations_are_of_the_axes_in_which_the_tensor_was_given(tmp_path: Path) -> None:
+    """Euler's equations in these axes, by SciPy: 1e-11.  The principal axes, returned before, are 0.2 off."""
+    tensor, start = np.array([[3.0, 0.2, 0.1], [0.2, 4.0, -0.3], [0.1, -0.3, 4.5]]), np.array([0.8, 0.2, -0.4, 0.4])
+    sim = rebound.Simulation()
+    sim.add(m=1.0)
+    sim.add(x=1e6)
+    sim.integrator, sim.dt = "leapfrog", 0.5
+    spins = attach(sim, {0: Body(inertia=tensor, spin=(0.5, 1.0, 3.0), orientation=start)})
+    assert np.allclose(spins.orientation(0), start, atol=1e-15)
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        q, W = y[:4], y[4:]
+        turning = 0.5 * np.array([-q[1:] @ W, *(q[0] * W + cross(q[1:], W))])
+        return np.concatenate([turning, np.linalg.solve(tensor, cross(tensor @ W, W))])
+
+    spins.steps(20)
+    spin = Rotation.from_quat(start, scalar_first=True).inv().apply((0.5, 1.0, 3.0))
+    end = solve_ivp(rates, (0, 10.0), [*start, *spin], method="DOP853", rtol=1e-13, atol=1e-14).y[:4, -1]
+    spins.save(tmp_path / "spins.npz")
+    for each in (spins, load(tmp_path / "spins.npz"), copy.copy(spins)):
+        q = each.orientation(0)
+        assert min(abs(q - end).max(), abs(q + end).max()) < 1e-10
 
 
 # -- the interaction -------------------------------------------------------------------------------------------
@@ -309,9 +335,6 @@ def tidal(per: int) -> Spins:
 
 def by_the_published_equations(t_end: float) -> np.ndarray:
     """The spin of that body by an integrator for any equations, from MacCullagh's potential and Hut's forces."""
-    from scipy.integrate import solve_ivp
-    from scipy.spatial.transform import Rotation
-
     spins = tidal(100)
     I, tide, lag = TIDAL["inertia"], TIDAL["love"] * TIDAL["radius"] ** 5, TIDAL["lag"]  # noqa: E741
     body, mass = (p.m for p in spins.sim.particles)

@@ -61,14 +61,21 @@ class Body:
 
     def principal(self) -> tuple[Array, Array]:
         """The moments (3,), and the orientation of the principal axes.  Raises `InputError`."""
-        inertia = getattr(self.inertia, "inertia", self.inertia)
-        number = isinstance(inertia, int | float | np.number)
-        body = FreeBody(np.full(3, inertia) if number else inertia)
+        body = self._free()
         moments = body.principal.moments
         g = body.orientation(self.orientation)
         if g.shape != (4,):
             raise InputError(f"orientation: expected one unit quaternion (w, x, y, z), got {shown(self.orientation)}.")
         return moments, g
+
+    def _axes(self) -> Array:
+        """The unit quaternion (4,) that maps components along the body axes to components along the principal axes."""
+        return self._free().orientation(UPRIGHT) * (1, -1, -1, -1)
+
+    def _free(self) -> FreeBody:
+        inertia = getattr(self.inertia, "inertia", self.inertia)
+        number = isinstance(inertia, int | float | np.number)
+        return FreeBody(np.full(3, inertia) if number else inertia)
 
     def angular_velocity(self) -> Array:
         """The angular velocity (3,).  Raises `InputError`."""

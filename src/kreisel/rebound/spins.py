@@ -43,10 +43,10 @@ FIELDS = {"N": "N", "steps_done": "steps_done", "modified": "did_modify_particle
 OFFSETS = {"x": 0, "y": 8, "z": 16, "vx": 24, "vy": 32, "vz": 40, "m": 72}  # bytes, of a particle
 SPECIAL = "coordinates", "kernel", "corrector", "corrector2"  # of WHFast: 0 for one kick in Jacobi's coordinates
 MODIFYING = "_heartbeat", "_pre_timestep_modifications", "_post_timestep_modifications"
-FORMAT = 3  # of a file: NumPy's archive of plain arrays, one of them the bytes of REBOUND's simulation
+FORMAT = 4  # of a file: NumPy's archive of plain arrays, one of them the bytes of REBOUND's simulation
 NEEDED = "The simulation and its bodies need a file name such as spins.npz"
 FILES = "simulation", "whole.npz"
-SHAPES = {"z": 7, "c": int(ENDS[-1])}
+SHAPES = {"z": 7, "c": int(ENDS[-1]), "axes": 4}
 
 
 @cache
@@ -150,22 +150,22 @@ class Spins:
     names   the particles that are bodies, as given by the user
     """
 
-    def __init__(self, sim: Any, names: Iterable[int | str], z: Array, c: Array, kick: float | None):
+    def __init__(self, sim: Any, names: Iterable[int | str], z: Array, c: Array, axes: Array, kick: float | None):
         check_simulation(sim)
         try:
             self.sim, self.names = sim, list(names)
         except TypeError:
             raise InputError(f"Spins: expected names of particles in a list, got {shown(names)}.") from None
-        z, c = algebra.floats(z), algebra.floats(c)
+        arrays = z, c, axes = algebra.floats(z), algebra.floats(c), algebra.floats(axes)
         shapes = tuple((len(self.names), width) for width in SHAPES.values())
-        if (z.shape, c.shape) != shapes or not (np.isfinite(z).all() and np.isfinite(c).all()):
+        if tuple(a.shape for a in arrays) != shapes or not all(np.isfinite(a).all() for a in arrays):
             raise InputError(
-                f"Spins: expected finite rows z {shapes[0]} and c {shapes[1]} of the bodies, got {shown(z)}, "
-                f"{shown(c)}. kreisel.rebound.attach(sim, bodies) makes them."
+                f"Spins: expected finite rows z {shapes[0]}, c {shapes[1]} and axes {shapes[2]} of the bodies, got "
+                f"{shown(z)}, {shown(c)}, {shown(axes)}. kreisel.rebound.attach(sim, bodies) makes them."
             )
         self._index = np.array([index_of(sim, name) for name in self.names], dtype=np.int64)
         self._state = np.concatenate([z, [[0, 0, 0, *UPRIGHT]]])  # the last one of points
-        self._z, self._c, self._kick, self._count = self._state[:-1], c, kick, int(sim.N)
+        self._z, self._c, self._axes, self._kick, self._count = self._state[:-1], c, axes, kick, int(sim.N)
         self._rotors = np.array([rotor(row) for row in c])
         self._frame, self._hooks = np.zeros(len(compiled.FRAME), dtype=np.int64), dict[Any, Any]()
         self._last_pairs: Pairs | None = None
@@ -175,7 +175,7 @@ class Spins:
     def __reduce__(self) -> tuple[Any, ...]:
         """For pickle and copy: `_z` is a part of `_state`, and hooks have addresses; copies have their simulation."""
         data, names = self.sim.__reduce__()[1][0], particle_names(self.sim)
-        return _restored, (data, names, self.names, self._z.copy(), self._c, self._kick)
+        return _restored, (data, names, self.names, self._z.copy(), self._c, self._axes, self._kick)
 
     @property
     def dt(self) -> float:
@@ -286,8 +286,9 @@ class Spins:
         return R @ ((self._z[k, :3] @ R) / self._c[k, :3])
 
     def orientation(self, which: int | str) -> Array:
-        """The unit quaternion (4,) of the principal axes of a body, body to the frame of the simulation."""
-        return self._z[self._number(which), 3:].copy()
+        """The unit quaternion (4,) of a body, from the axes in which it was given to the frame of the simulation."""
+        k = self._number(which)
+        return algebra.quaternion_product(self._z[k, 3:], self._axes[k])
 
     def spin_angular_momentum(self, which: int | str) -> Array:
         """The spin angular momentum (3,) of a body."""
@@ -328,7 +329,7 @@ class Spins:
             arrays |= {"particles": np.array(particle_names(self.sim), dtype=np.str_), "names": names}
             with archive.open("wb") as file:
                 kick = np.nan if self._kick is None else self._kick
-                np.savez(file, allow_pickle=False, **arrays, z=self._z, c=self._c, dt=kick)
+                np.savez(file, allow_pickle=False, **arrays, z=self._z, c=self._c, axes=self._axes, dt=kick)
                 file.flush()
                 os.fsync(file.fileno())
             archive.replace(target)
@@ -436,7 +437,7 @@ def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) 
         raise InputError(f"bodies: expected each particle once, got {shown(list(bodies))}.")
     rows = [body._of_particle(sim.particles[i]) for body, i in zip(bodies.values(), index, strict=True)]
     z, c = (np.array(column) for column in zip(*rows, strict=True))
-    return Spins(sim, bodies, z, c, dt)
+    return Spins(sim, bodies, z, c, np.array([body._axes() for body in bodies.values()]), dt)
 
 
 @explained
@@ -449,7 +450,7 @@ def load(path: str | os.PathLike[str]) -> Spins:
     source = place(path, NEEDED)
     try:
         with on_disk(path, "be read"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("format", "simulation", "particles", "z", "c", "names", "dt")}
+            arrays = {name: file[name] for name in ("format", "simulation", "particles", *SHAPES, "names", "dt")}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
     names = arrays["names"] if arrays["names"].ndim == 1 and arrays["names"].dtype.kind == "U" else np.empty(0, str)
@@ -470,4 +471,5 @@ def load(path: str | os.PathLike[str]) -> Spins:
             raise RunError(f"{path}: REBOUND could not read its part: {warning.message}")
         warnings.warn(str(warning.message), RuntimeWarning, stacklevel=2)
     keys = [name[1:] if name.startswith("#") else int(name) for name in names.tolist()]
-    return Spins(sim, keys, arrays["z"], arrays["c"], None if np.isnan(arrays["dt"]) else float(arrays["dt"]))
+    z, c, axes = (arrays[name] for name in SHAPES)
+    return Spins(sim, keys, z, c, axes, None if np.isnan(arrays["dt"]) else float(arrays["dt"]))
