@@ -44,7 +44,7 @@ _LAZY = {
     "fit": "kreisel.analysis.fit",
     "nutation": "kreisel.runs.closed_form",
     "at": "kreisel.runs.closed_form",
-    "cite": "kreisel.runs.citing",
+    "cite": "kreisel.runs.run_record",
     "code": "kreisel.languages.source",
     "propagator": "kreisel.runs.propagation.propagator",
     "simulate": "kreisel.storage.simulate",

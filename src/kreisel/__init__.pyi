@@ -22,7 +22,7 @@ from kreisel.sweeps.design import Design as Design
 from kreisel.runs.settings import Event as Event
 from kreisel.record.table import Table as Table
 from kreisel.runs.closed_form import at as at
-from kreisel.runs.citing import cite as cite
+from kreisel.runs.run_record import cite as cite
 from kreisel.languages.source import code as code
 from kreisel.analysis.method_comparison import compare as compare
 from kreisel.runs.differentiable import differentiable as differentiable

@@ -1,4 +1,4 @@
-"""Locks, scratch folders and signals, which a process shares with others, and the times of its work.
+"""Locks, scratch folders and signals, which a process shares with others; the times of its work, and a progress bar.
 
 A lock is held by the operating system for as long as its process lives: a lock file without a holder is stale.
 """
@@ -6,25 +6,28 @@ A lock is held by the operating system for as long as its process lives: a lock 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import re
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, on_disk
+from kreisel.errors import InputError, on_disk, shown
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
 SPENT: defaultdict[str, float] = defaultdict(float)  # seconds of this process by their use
+SHOW_AFTER_SECONDS = 0.5  # of work, before its progress appears
 YOUNG = 1.0  # seconds in which a new folder may not yet be locked
 LOCK_REMEDY = "A lock is there while an archive is written: move it away, or choose another path."
 
@@ -166,3 +169,68 @@ def spent_on(use: str) -> Iterator[None]:
         yield
     finally:
         SPENT[use] += time.perf_counter() - begun
+
+
+# -- progress ----------------------------------------------------------------------------------------
+
+
+class Progress:
+    """Counts steps, or lanes; a bar on stderr appears after half a second."""
+
+    def __init__(self, total: int, show: bool | None, done: int = 0, unit: str = "steps"):
+        if show is not None and not isinstance(show, bool):
+            raise InputError(f"progress: expected True, False or None for the default, got {shown(show)}.")
+        self._unit = unit
+        self.total, self.done, self._before = total, done, done
+        self._show = (sys.stderr.isatty() or "ipykernel" in sys.modules) if show is None else show
+        self._begun, self._bar, self._task = time.perf_counter(), None, None
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def advance(self, steps: int) -> None:
+        """Count finished steps or lanes."""
+        self.done += steps
+        if self._bar is None and self._show and time.perf_counter() - self._begun > SHOW_AFTER_SECONDS:
+            self._bar, self._task = _bar(self.total)
+        if self._bar is not None:
+            rate = (self.done - self._before) / (time.perf_counter() - self._begun)
+            self._bar.update(
+                self._task, completed=self.done, rate=f"{_in_thousands(rate, ('', 'k', 'M', 'G', 'T'))} {self._unit}/s"
+            )
+
+    def __exit__(self, *raised: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def _bar(total: int) -> tuple[Any, Any]:
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn())
+    # rich asks for ipywidgets in a notebook, whose stderr needs a line of text as well
+    plain = {"force_jupyter": False, "force_terminal": True, "width": 100} if "ipykernel" in sys.modules else {}
+    console = Console(stderr=True, **plain)  # type: ignore[arg-type]
+    bar = Bar(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True)
+    bar.start()
+    return bar, bar.add_task("steps", total=total, rate="")
+
+
+def _in_thousands(x: float, units: Sequence[str]) -> str:
+    power = min(len(units) - 1, next((k for k in range(len(units)) if x < 1000 ** (k + 1)), len(units)))
+    return f"{x / 1000**power:.3g} {units[power]}".rstrip()
+
+
+def size_text(size: float) -> str:
+    """Bytes with a unit."""
+    return _in_thousands(size, ("bytes", "KB", "MB", "GB", "TB", "PB")) if math.isfinite(size) else "unknown"
+
+
+def duration_text(seconds: float) -> str:
+    """Seconds with a unit."""
+    for unit, size, most in (("s", 1, 90), ("min", 60, 90), ("hours", 3600, 48), ("days", 86400, 700)):
+        if seconds < size * most:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds / 31557600:.2g} years"

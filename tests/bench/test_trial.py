@@ -74,9 +74,9 @@ def test_one_case_can_be_repeated(tmp_path: Path) -> None:
 def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:
     """The mutant: `check_archive` finds no fault."""
     (tmp_path / "sitecustomize.py").write_text(
-        "from kreisel.sweeps import lanes\n"
-        "original = lanes.check_archive\n"
-        "lanes.check_archive = lambda path: (original(path)[0], [])\n"
+        "from kreisel.sweeps import sweep\n"
+        "original = sweep.check_archive\n"
+        "sweep.check_archive = lambda path: (original(path)[0], [])\n"
     )
     before = os.environ.get("PYTHONPATH", "")
     os.environ["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *filter(None, [before])])

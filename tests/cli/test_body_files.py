@@ -32,7 +32,7 @@ from kreisel.physical import (
 )
 from kreisel.physical.tables import Reader, kinds
 from kreisel.runs.planning import make_plan
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from support import EXAMPLES
 
 END = '[run]\ndt = "1 s"\nsteps = 10\n[output]\npath = "x.zarr"\n'

@@ -14,7 +14,7 @@ import typer
 import kreisel as kr
 from kreisel import cli
 from kreisel.cli.configuration import changed
-from kreisel.runs import progress
+from kreisel.runs import planning
 from kreisel.runs.planning import make_plan
 from support import configuration
 
@@ -150,7 +150,7 @@ def test_a_step_that_does_not_divide_the_time_is_said(command: Commands) -> None
 
 def test_the_size_of_an_archive_is_as_estimated(tmp_path: Path) -> None:
     settings: dict[str, Any] = {"dt": 0.05, "steps": 40_000}
-    likely, least = progress.bytes_of(make_plan(TOP, X0, **settings))
+    likely, least = planning.bytes_of(make_plan(TOP, X0, **settings))
     kr.simulate(TOP, X0, **settings, path=tmp_path / "run.zarr")
     files = (f for f in (tmp_path / "run.zarr").rglob("*") if f.is_file() and "engine" not in f.parts)
     assert least < sum(f.stat().st_size for f in files) < 1.5 * likely
@@ -182,7 +182,7 @@ def test_a_long_run_is_estimated_before_it_begins(command: Commands, monkeypatch
     code, _, message = command("run", "run.toml", "--no-figure", "--overwrite")
     assert code == 0 and message.startswith("about ") and "on disk" in message and "kreisel resume run.zarr" in message
     plan = make_plan(TOP, X0, dt=0.05, steps=10**9, every=1000)
-    found = progress.estimate(plan, command.folder)
+    found = planning.estimate(plan, command.folder)
     assert (
         1 < found.seconds < 10_000 and 5e7 < found.bytes < 2e8
     )  # 30 ns a step; 10^6 rows of 136 bytes, most of them alike

@@ -31,8 +31,7 @@ from kreisel.runs import integration
 from kreisel.storage import checking
 from kreisel.storage import simulate as runs
 from kreisel.storage.opening import too_large
-from kreisel.sweeps.lanes import check_archive
-from kreisel.sweeps.sweep import carry_out
+from kreisel.sweeps.sweep import carry_out, check_archive
 from support import ROOT, configuration
 
 CONFIGURATIONS = int(os.environ.get("KREISEL_FUZZ", "200"))

@@ -21,7 +21,7 @@ from kreisel.kernels.exact import engine
 from kreisel.kernels.exact.engine import dyadic
 from kreisel.runs import integration as runs
 from kreisel.runs.planning import make_plan
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from taylor import quadrature, taylor
 from tops import DOUBLE, SPECIAL, UP, error, off, off_turn, random_tops
 

@@ -17,7 +17,7 @@ from kreisel.kernels.coupled import CoupledEngine
 from kreisel.method.splitting import Splitting
 from kreisel.record.model import Model
 from kreisel.runs.planning import make_plan
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from support import cross
 
 TOP = kr.LagrangeTop(p=(0, 0, 1), alpha=[0.5, 0.7, 1.1])

@@ -40,7 +40,7 @@ FILLERS = frozenset(
 NAMED_BY_USERS = {  # parameters and methods of the interface
     ("checkcases/catalogue.py", "given"),  # case.given()
     ("lab/brackets.py", "more"),  # kr.lab.lax(more=)
-    ("runs/citing.py", "what"),  # kr.cite(what)
+    ("runs/run_record.py", "what"),  # kr.cite(what)
 }
 STORED = {("method/splitting.py", "_whole")}  # a constant of the step, by which checkpoints call it
 OF_A_STEP = {  # the record `Part`: a function that kernels call in order

@@ -315,9 +315,9 @@ def test_all_that_writes_functions_is_a_part_of_their_keys() -> None:
 FROM_A_ZIP = """
 import kreisel
 from kreisel.graph import machine
-from kreisel.languages import fmu
+from kreisel.languages import source
 
-print("zip" in kreisel.__file__, machine._writers().hex(), len(fmu._filled("fmu.c", {})))
+print("zip" in kreisel.__file__, machine._writers().hex(), len(source._filled("fmu.c", {})))
 """
 
 

@@ -27,7 +27,7 @@ from kreisel.method import default_method, scheme
 from kreisel.method.observing import held_by_orientation
 from kreisel.physical import Ellipsoid
 from kreisel.runs.planning import make_plan
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from kreisel.system import REGISTRY
 from sizes import FULL, costly
 from support import cpu_engine

@@ -15,7 +15,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import kreisel as kr
-from kreisel.languages import fmu
+from kreisel.languages.source import fmu
 from support import cross
 
 fmpy = pytest.importorskip("fmpy")
@@ -33,7 +33,7 @@ START = {
 def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("fmu") / "rock.fmu"
     text = kr.code(kr.physical.FreeBody(TENSOR), name="rock")
-    path.write_bytes(fmu.fmu("rock", text, TENSOR, 1e-3))
+    path.write_bytes(fmu("rock", text, TENSOR, 1e-3))
     return path
 
 
@@ -64,7 +64,7 @@ def test_it_is_valid_and_reproducible(archive: Path) -> None:
     bases = {u.name: u.baseUnit for u in described.unitDefinitions}
     assert (bases["N.m"].kg, bases["N.m"].m, bases["N.m"].s) == (1, 2, -2)
     text = kr.code(kr.physical.FreeBody(TENSOR), name="rock")
-    assert fmu.fmu("rock", text, TENSOR, 1e-3) == archive.read_bytes()
+    assert fmu("rock", text, TENSOR, 1e-3) == archive.read_bytes()
     with zipfile.ZipFile(archive) as z:
         assert "sources/rock.c" in z.namelist()
 

@@ -19,7 +19,7 @@ from kreisel.method import splitting as method
 from kreisel.method.composition import CORRECTED, Splitting, corrector, inverse, joined
 from kreisel.runs.planning import make_plan
 from kreisel.storage.checking import steps_again
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 
 I = np.array([1.0, 1.3, 0.5])  # noqa: E741
 FREE = kr.EulerTop(J=I.sum() / 2 - I)

@@ -20,7 +20,7 @@ from kreisel.algebra import gradient
 from kreisel.bodies import BODIES, environment
 from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Satellite
 from kreisel.physical import environment as earth
-from kreisel.runs.orbits import environment_of
+from kreisel.runs.geometry import environment_of
 from sizes import FULL
 from torques import torque_on
 

@@ -33,7 +33,7 @@ from kreisel.physical import (
     Wheels,
 )
 from kreisel.storage.checking import steps_again
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from sizes import FULL
 from support import cross
 from torques import torque_on

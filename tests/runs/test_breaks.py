@@ -12,7 +12,7 @@ import pytest
 import kreisel as kr
 from kreisel.runs import integration
 from kreisel.storage import simulate as simulating
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from support import contents
 
 BODY = kr.perturbed(

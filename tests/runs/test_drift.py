@@ -20,7 +20,7 @@ from kreisel.lab import exact
 from kreisel.method import scheme
 from kreisel.record.contract import Map, System
 from kreisel.runs import drift, integration
-from kreisel.sweeps import lanes as broken_lanes
+from kreisel.sweeps import sweep
 from kreisel.system import REGISTRY
 from sizes import FULL
 from support import configuration
@@ -34,7 +34,7 @@ TOO_LONG = 3e3
 def strict(monkeypatch: pytest.MonkeyPatch) -> None:
     """That much counts as broken."""
     monkeypatch.setattr(drift, "FAR", 1e-9)
-    for module in (drift, broken_lanes):
+    for module in (drift, sweep):
         monkeypatch.setattr(module, "FAR_RELATIVE", 1e-12)
 
 

@@ -12,7 +12,7 @@ import pytest
 import kreisel as kr
 from kreisel.record.contract import ClosedForm, System
 from kreisel.runs.operations import operations_of
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 
 TOP = kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5)
 START = {"M": np.array([0.3, 0.2, 1.1]), "P": np.array([0.6, 0.0, 0.8])}

@@ -17,7 +17,7 @@ import kreisel as kr
 from kreisel import reduction as red
 from kreisel.bodies import BODIES, KNOWN
 from kreisel.runs.examples import example
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 
 TOP = kr.LagrangeTop(p=(0, 0, 1))
 STATE = TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))

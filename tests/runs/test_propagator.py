@@ -18,7 +18,7 @@ import pytest
 import kreisel as kr
 from kreisel.algebra import reuse
 from kreisel.lab import exact
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from kreisel.system import REGISTRY
 from sizes import FULL
 

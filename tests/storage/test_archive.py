@@ -16,7 +16,7 @@ import kreisel as kr
 from kreisel.runs import integration as runs
 from kreisel.storage import archive
 from kreisel.storage import run_archive as archives
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 
 OPTIONS = {"dt": 0.1, "steps": 100, "every": 3}
 

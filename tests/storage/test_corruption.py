@@ -18,7 +18,7 @@ import kreisel as kr
 from kreisel.files import CHECKSUMS, digest
 from kreisel.runs import integration
 from kreisel.storage import archive, opening, run_archive
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 60, "every": 2, "orientation": (1, 0, 0, 0)}
 SWEPT: dict[str, Any] = {

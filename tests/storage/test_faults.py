@@ -22,7 +22,7 @@ from kreisel.process import Lock
 from kreisel.runs import integration
 from kreisel.storage import archive
 from kreisel.storage import simulate as runs
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from support import ROOT
 
 OPTIONS = {"dt": 0.1, "steps": 900, "every": 3}

@@ -16,8 +16,7 @@ import kreisel as kr
 from kreisel import files
 from kreisel.cli import configuration as config
 from kreisel.storage import archive, checking
-from kreisel.sweeps.lanes import check_archive
-from kreisel.sweeps.sweep import carry_out
+from kreisel.sweeps.sweep import carry_out, check_archive
 from support import ROOT
 
 TOP = kr.LagrangeTop(p=(0, 0, 1))

@@ -17,7 +17,7 @@ from kreisel.cli import configuration as config
 from kreisel.files import require_file
 from kreisel.process import Lock
 from kreisel.storage import archive, checking
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from sizes import FULL
 from support import configuration
 

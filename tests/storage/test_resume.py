@@ -26,7 +26,7 @@ from kreisel.process import Lock
 from kreisel.runs import integration
 from kreisel.storage import archive, checking, opening
 from kreisel.storage import simulate as runs
-from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.sweep import check_archive
 from kreisel.system import REGISTRY
 from sizes import FULL
 from support import ROOT, contents

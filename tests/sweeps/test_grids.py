@@ -100,7 +100,7 @@ def test_figure_and_page_of_a_sweep(
         code, message = command(*words)
         assert code == 2 and said in message and "Traceback" not in message, message
     lane = int(grid.lane.isel(draw=1).sel({"state.m[2]": 1.5, "system.alpha": 0.5}))
-    from kreisel.sweeps.lanes import one_lane
+    from kreisel.sweeps.sweep import one_lane
 
     np.testing.assert_array_equal(one_lane(path, lane).a.values[:, 0], kr.open_run(path).a.values[:, lane])
     assert not (path.parent / "x.png").exists() and not (path.parent / "x.html").exists()

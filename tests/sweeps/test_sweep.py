@@ -26,8 +26,7 @@ from kreisel.storage import archive
 from kreisel.sweeps import workers
 from kreisel.sweeps.design import Lanes
 from kreisel.sweeps.ensemble import Sweep, angular_frequency
-from kreisel.sweeps.lanes import check_archive
-from kreisel.sweeps.sweep import carry_out
+from kreisel.sweeps.sweep import carry_out, check_archive
 from support import ROOT, configuration, contents
 
 DESIGN = """[sweep]

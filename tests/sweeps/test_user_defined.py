@@ -10,7 +10,7 @@ import xarray as xr
 
 import kreisel as kr
 from kreisel.physical import Orbit, Satellite
-from kreisel.sweeps.lanes import one_lane
+from kreisel.sweeps.sweep import one_lane
 
 SPIN = {"spin": ("4 deg/s", "-3 deg/s", "2 deg/s")}
 RUN = {"dt": "1 s", "t_end": "40 s", "every": "4 s", "progress": False}

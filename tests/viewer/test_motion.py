@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from kreisel.physical import FreeBody, Gyroscope, Orbit, Plate, Satellite, Wheels
-from kreisel.runs.orbits import pointing_error
+from kreisel.runs.geometry import pointing_error
 from kreisel.viewer.frames import clock_of, panels_of, shadows_of
 from kreisel.viewer.scene import scene
 from scenes import array

@@ -12,7 +12,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.method import METHODS
-from kreisel.runs.citing import bibliography
+from kreisel.runs.run_record import bibliography
 from kreisel.system import REGISTRY
 
 

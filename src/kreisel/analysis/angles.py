@@ -19,9 +19,18 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs import geometry
-from kreisel.runs.geometry import attitude_of, components, fixed_vector, model_for, orientation_of, velocity_of
+from kreisel.runs.geometry import (
+    FRAMES,
+    angles_of,
+    attitude_of,
+    components,
+    fixed_vector,
+    model_for,
+    orientation_of,
+    pointing_error,
+    velocity_of,
+)
 from kreisel.runs.in_si import frame_in_si, in_state_form, is_in_si
-from kreisel.runs.orbits import FRAMES, angles_of, pointing_error
 from kreisel.runs.run_record import RunRecord, a_run, frame_of
 
 if TYPE_CHECKING:

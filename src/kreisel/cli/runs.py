@@ -57,8 +57,7 @@ def run(
     Exit code 3: an invariant of the method is not conserved; the archive is kept.
     """
     from kreisel.cli.configuration import read
-    from kreisel.runs.planning import make_plan
-    from kreisel.runs.progress import estimate
+    from kreisel.runs.planning import estimate, make_plan
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.simulate import simulate
 
@@ -159,8 +158,7 @@ def sweep(
     """`SWEEP_HELP`."""
     from kreisel.cli.configuration import read_sweep
     from kreisel.storage.opening import open_lanes
-    from kreisel.sweeps.lanes import broken_lanes
-    from kreisel.sweeps.sweep import carry_out, failures
+    from kreisel.sweeps.sweep import broken_lanes, carry_out, failures
 
     description, source, path = read_sweep(config, changes or ())
     report = carry_out(description, path, source=source, workers=workers, scheduler=scheduler, overwrite=overwrite)
@@ -203,7 +201,7 @@ def check(
     from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.checking import recover
-    from kreisel.sweeps.lanes import broken_lanes, check_archive
+    from kreisel.sweeps.sweep import broken_lanes, check_archive
 
     result, faults = check_archive(archive)
     if out is not None:
@@ -237,8 +235,8 @@ def export(
     angles: str | None = opt("Add pitch, roll and yaw: orbit, lvlh, inertial or ground."),
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV, NPZ; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
+    from kreisel.storage.exporting import date_of
     from kreisel.storage.exporting import export as write
-    from kreisel.storage.messages import date_of
 
     write(archive, out, overwrite=overwrite, epoch=None if epoch is None else date_of(epoch, "--epoch"), angles=angles)
     say(f"{archive} -> {out}")
@@ -300,7 +298,7 @@ def view(
     from kreisel.files import require_file
     from kreisel.storage.archive import settled
     from kreisel.storage.opening import is_sweep, open_rows
-    from kreisel.sweeps.lanes import one_lane
+    from kreisel.sweeps.sweep import one_lane
     from kreisel.viewer.page import view as page_of
 
     where = settled(archive)

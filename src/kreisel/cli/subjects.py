@@ -217,7 +217,7 @@ def code(
         raise InputError("--language fmu: expected a free body in SI units, and of the options --set, --dt, --name.")
     if sys.stdout.isatty():
         raise InputError("--language fmu: expected a file for the archive: kreisel code ... > rock.fmu")
-    from kreisel.languages.fmu import fmu
+    from kreisel.languages.source import fmu
 
     sys.stdout.buffer.write(fmu(name or "free_body", text_of(free, **asked), free.inertia, asked["dt"]))
 

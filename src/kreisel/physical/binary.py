@@ -32,8 +32,8 @@ from kreisel.physical.measures import (
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SUN, Orbit, Primary
 from kreisel.physical.shapes import solid
 from kreisel.record.model import Model, State
+from kreisel.runs.geometry import orbit_frame, tait_bryan
 from kreisel.runs.in_si import in_state_form
-from kreisel.runs.orbits import orbit_frame, tait_bryan
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -18,7 +18,7 @@ from kreisel.bodies import orbit as formulas_of_orbits
 from kreisel.errors import InputError, InputWarning, doubt, explained, shown
 from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, si_numbers
 from kreisel.record.table import EMPTY, Reader, Table, form_of
-from kreisel.runs.orbits import orbit_frame
+from kreisel.runs.geometry import orbit_frame
 
 formulas = cast("Any", formulas_of_orbits)  # of a page, without types
 

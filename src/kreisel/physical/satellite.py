@@ -30,8 +30,7 @@ from kreisel.physical.measures import (
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
 from kreisel.record.units import BodyFrame
-from kreisel.runs.geometry import orientation_of, require_of_body
-from kreisel.runs.orbits import Angles, angles_of, axes_of_angles, environment_of
+from kreisel.runs.geometry import Angles, angles_of, axes_of_angles, environment_of, orientation_of, require_of_body
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -51,7 +51,7 @@ class Kreisel:
 
     def cite(self) -> str:
         """`kr.cite(run)`."""
-        from kreisel.runs.citing import cite
+        from kreisel.runs.run_record import cite
 
         return cite(self._run)
 

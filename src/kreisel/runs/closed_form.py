@@ -22,8 +22,8 @@ from kreisel.method.scheme import Jump
 from kreisel.record.body import Body, as_body
 from kreisel.record.values import in_lane
 from kreisel.runs.describing import in_memory
+from kreisel.runs.geometry import presented
 from kreisel.runs.in_si import scaled, state_of, times_of
-from kreisel.runs.orbits import presented
 from kreisel.runs.plan import Plan, initial_parts, is_finite, planned
 from kreisel.runs.planning import idle_or_new
 from kreisel.runs.settings import (

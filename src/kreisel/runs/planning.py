@@ -1,11 +1,14 @@
-"""A plan from settings, a model and a state: checks, the order and step of order="auto", warnings of doubtful input."""
+"""A plan from settings, a model and a state: checks, order="auto", warnings of doubtful input, the cost of its run."""
 
 from __future__ import annotations
 
 import math
+import shutil
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,13 +19,15 @@ from kreisel.algebra.reuse import reused
 from kreisel.errors import AccuracyWarning, InputError, doubt, shown
 from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
 from kreisel.kernels.cpu import CpuEngine
+from kreisel.kernels.engines import Engine
 from kreisel.method import find, scheme
 from kreisel.method.observing import ORIENTATION, with_lanes
+from kreisel.method.scheme import Orbits
+from kreisel.process import duration_text, size_text
 from kreisel.record.calling import call
 from kreisel.record.model import Model, State
 from kreisel.record.table import require_within
 from kreisel.runs.plan import Plan, default, initial_parts, planned
-from kreisel.runs.progress import duration_text
 from kreisel.runs.settings import (
     Event,
     Settings,
@@ -42,6 +47,12 @@ if TYPE_CHECKING:
 PLAIN, LISTS = (int, float, str, bool, type(None), np.float64), (tuple, list)  # of settings that an idle plan has
 LEAST_TOLERANCE = 1e-13  # of DOP853 in doubles
 IDLE = 4  # plans kept for each choice of settings
+# Compressed size of a Lagrange top's rows: the state 0.96, Casimirs and integrals 0.06.  A run is refused if the disk
+# has no room for half of the bytes of its states.
+OF_STATES, OF_INTEGRALS, LEAST = 0.96, 0.06, 0.5
+SECONDS_A_BYTE = 13e-9  # to compress and write; 75 MB a second, a core of a busy machine
+PILOT_SECONDS = 0.05
+PILOT_ROWS = 256
 
 
 def make_plan(
@@ -377,3 +388,79 @@ def _steps(plan: Plan) -> Callable[[float, int], tuple[Array, ...] | None]:
         return None if result is None else result.state
 
     return steps
+
+
+# -- estimates ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Seconds, bytes on disk, and free bytes on that disk."""
+
+    seconds: float
+    bytes: float
+    free: float
+
+    @property
+    def text(self) -> str:
+        """The estimate in words."""
+        return f"about {duration_text(self.seconds)}, {size_text(self.bytes)} on disk ({size_text(self.free)} free)"
+
+
+def bytes_of(plan: Plan) -> tuple[float, float]:
+    """The bytes of an archive, likely and least."""
+    row = {name: value[0].nbytes for name, value in plan.example.items()}
+    states = sum(size for name, size in row.items() if plan.outcomes[name].kind in ("state", "orientation"))
+    likely = OF_STATES * states + OF_INTEGRALS * (sum(row.values()) - states)
+    return plan.rows * likely, plan.rows * LEAST * states
+
+
+def require_room(path: Path, least: float, instead: str) -> None:
+    """Raises `InputError` if the disk of `path` has fewer bytes than `least`."""
+    free = free_at(path)
+    if least > free:
+        raise InputError(
+            f"{path}: expected a disk with at least {size_text(least)} free, got {size_text(free)}. {instead}"
+        )
+
+
+def free_at(path: Path) -> float:
+    """The free bytes on the disk of a path, present or future; infinite if unknown."""
+    try:
+        folder = path.absolute()
+        while not folder.is_dir() and folder != folder.parent:
+            folder = folder.parent
+        return shutil.disk_usage(folder).free
+    except OSError:  # a name that is too long, a folder without access: writing reports this
+        return math.inf
+
+
+def estimate(plan: Plan, path: Path) -> Estimate:
+    """The estimate from a pilot of some milliseconds, whose kernels the run reuses."""
+    engine, count = plan.engine_at(plan.first), 1
+    if isinstance(plan.scheme.motion, Orbits):  # by rows, and the set-up of each call
+        count = max(1, min(PILOT_ROWS, plan.rows // 8))
+        once, twice = (_spent(engine, rows, plan.every) for rows in (count, 2 * count))
+        of_steps = once + max(0.0, twice - once) / count * plan.rows
+    else:
+        while (spent := _spent(engine, 1, count)) < PILOT_SECONDS / 2 and 8 * count < plan.steps:
+            count *= 2
+        of_steps = spent / count * plan.steps
+    rows = np.repeat(plan.first[None], min(PILOT_ROWS, plan.rows), 0)
+    with np.errstate(all="ignore"):
+        plan.observe(rows[:1])  # its kernel
+        begun = time.perf_counter()
+        row = plan.observe(rows)
+    a_row = (time.perf_counter() - begun) / len(rows)
+    a_row += SECONDS_A_BYTE * sum(value.nbytes for value in row.values()) / len(rows)
+    return Estimate(of_steps + plan.rows * a_row, bytes_of(plan)[0], free_at(path))
+
+
+def _spent(engine: Engine, rows: int, every: int) -> float:
+    """Seconds of a call, the better of two: the first may set something up."""
+    out, spent = np.empty((rows, *engine.z.shape)), []
+    for _ in range(2):
+        begun = time.perf_counter()
+        engine.advance(out, every)
+        spent.append(time.perf_counter() - begun)
+    return min(spent)

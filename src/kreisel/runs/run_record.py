@@ -1,8 +1,10 @@
-"""The attributes of a run, typed, with their conversion to and from the attributes of its Dataset."""
+"""The attributes of a run, typed, with their conversion to and from the attributes of its Dataset; its citation."""
 
 from __future__ import annotations
 
+import importlib.resources
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from numbers import Integral, Real
@@ -11,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra.reuse import cached_property
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.files import parsed
+from kreisel.method import METHODS, default_method
+from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.record.units import OF_SYSTEM, BodyFrame
@@ -21,7 +25,14 @@ from kreisel.runs.settings import count_of_rows
 if TYPE_CHECKING:
     import xarray as xr
 
+
 FORMAT = 1
+SOFTWARE = """@software{{kreisel,
+  author  = {{{{The Kreisel developers}}}},
+  title   = {{Kreisel: spinning bodies simulated with integrators that keep every first integral}},
+  version = {{{version}}},
+  license = {{BSD-3-Clause}}
+}}"""
 FORM, SI = "kreisel_form", "SI"  # the attribute of a run of a body in SI: `kreisel.runs.in_si`
 OF_A_RUN: dict[str, Any] = {  # attributes and their types
     **dict.fromkeys(("title", "references", "source", "system", "equations", "components", "frame", "parameters"), str),
@@ -341,3 +352,54 @@ def frame_of(run: xr.Dataset) -> BodyFrame:
             "cause: isel(lane=..., drop=True) or reset_coords. run.isel(lane=0) keeps it."
         )
     return frame.of_lanes(lanes_of(run, frame))
+
+
+# -- kr.cite -----------------------------------------------------------------------------------------
+
+
+@explained
+def cite(what: xr.Dataset | Model | System) -> str:
+    """BibTeX of a run: this version of Kreisel, the source of the system, the sources of the method.
+
+    what    a run (`kr.simulate`, `kr.at`, `kr.open_run`), a system, or a system with its parameters (with its default
+            method)
+
+    A source that is not in Kreisel's list (for example of a user-defined system) is named in a comment at the end.
+    Raises `InputError` for anything else.
+    """
+    import kreisel
+
+    method: str | None = None
+    order: int | tuple[int, ...] | None = None
+    if isinstance(what, Model):
+        method, version = default_method(what), kreisel.__version__
+        references = METHODS[method].references(what.system)
+    elif isinstance(what, System):
+        references, version = what.source, kreisel.__version__
+    else:
+        attrs = getattr(what, "attrs", None)
+        if not isinstance(attrs, Mapping) or "kreisel_format" not in attrs:
+            raise InputError(f"A run, or a system, was expected, got {type(what).__name__}. Say kr.cite(run).")
+        missing = [name for name in ("references", "source", "method") if name not in as_made(attrs)]
+        if missing:
+            raise InputError(
+                f"expected a run with its attributes, got one without {', '.join(missing)}. Give it as kr.simulate or "
+                "kr.open_run returned it."
+            )
+        record = RunRecord.from_attrs(attrs)
+        references, version = record.references, record.source.removeprefix("kreisel ")
+        method, order = record.method, record.order
+    entries = bibliography()
+    sources = dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", references))
+    named = {f"{name.split()[0].strip(',').lower()}{year}": f"{name} {year}" for name, year in sources}
+    cited = METHODS[method].cited(order) if method in METHODS else ()
+    keys = dict.fromkeys([*(key for key in named if key in entries), *cited])
+    unknown = [name for key, name in named.items() if key not in entries]
+    comment = [f"% further: {', '.join(unknown)}"] if unknown else []
+    return "\n\n".join([SOFTWARE.format(version=version), *(entries[key] for key in keys), *comment])
+
+
+def bibliography() -> dict[str, str]:
+    """The entries of refs.bib by key."""
+    text = importlib.resources.files("kreisel").joinpath("refs.bib").read_text(encoding="utf-8")
+    return {re.split(r"[{,]", entry)[1]: entry.strip() for entry in re.split(r"\n(?=@)", text) if entry.strip()}

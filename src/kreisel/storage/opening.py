@@ -29,8 +29,8 @@ from kreisel.files import digest, parsed, replace_file
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import KINDS
 from kreisel.runs.describing import hash_of_start, with_indexes
+from kreisel.runs.geometry import presented
 from kreisel.runs.integration import Snapshot
-from kreisel.runs.orbits import presented
 from kreisel.runs.run_record import FORMAT, RunRecord
 from kreisel.storage import archive
 from kreisel.storage.archive import CHECKPOINT, LARGEST_CHUNK, Listed

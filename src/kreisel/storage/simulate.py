@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped, explained
 from kreisel.files import stands
-from kreisel.process import signals_wait
+from kreisel.process import Progress, signals_wait
 from kreisel.record.body import Body, model_of
 from kreisel.runs.drift import watched
+from kreisel.runs.geometry import presented
 from kreisel.runs.in_si import scaled, scaled_events, steps_in, unit_of_times
 from kreisel.runs.integration import Integration
-from kreisel.runs.orbits import presented
 from kreisel.runs.plan import Plan
-from kreisel.runs.planning import idle_or_new, make_plan, warn_of, warn_of_arrays
-from kreisel.runs.progress import Progress, bytes_of, require_room
+from kreisel.runs.planning import bytes_of, idle_or_new, make_plan, require_room, warn_of, warn_of_arrays
 from kreisel.runs.settings import Event, checked_events, flag, within
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from kreisel.files import parsed, stands
 from kreisel.record.contract import System
 from kreisel.runs.describing import body_of, dimensions, saved_times, time_attributes, versions
 from kreisel.runs.plan import Plan
-from kreisel.runs.progress import LEAST, require_room
+from kreisel.runs.planning import LEAST, require_room
 from kreisel.storage import archive
 from kreisel.storage.opening import COMPUTED, FAILED, MISSING, SweepRecord, Verified, open_lanes
 from kreisel.sweeps.design import as_json

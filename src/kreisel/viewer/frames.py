@@ -21,8 +21,7 @@ from kreisel.forces.kicks import WHEELS
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.record.perturbation import pairs_of
-from kreisel.runs.geometry import components, velocity_of
-from kreisel.runs.orbits import angles_of, pointing_error, satellite_model, surroundings
+from kreisel.runs.geometry import angles_of, components, pointing_error, satellite_model, surroundings, velocity_of
 from kreisel.runs.run_record import RunRecord, frame_of
 
 MOST_FRAMES = 100_001  # values of a page: rows of one body with three coordinates

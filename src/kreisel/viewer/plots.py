@@ -17,9 +17,8 @@ from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.observing import BALANCE, ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import fixed_vector, model_for, require_unchanged
+from kreisel.runs.geometry import fixed_vector, model_for, of_satellite, require_unchanged
 from kreisel.runs.in_si import in_state_form
-from kreisel.runs.orbits import of_satellite
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.viewer.charts import figure
 from kreisel.viewer.frames import clock_of, evenly, extremes, mixed, panels_of, shadows_of, stretches

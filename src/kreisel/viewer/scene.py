@@ -33,11 +33,19 @@ from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.perturbation import pairs_of
-from kreisel.runs import geometry, orbits
+from kreisel.runs import geometry
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import attitude_of, continued, fixed_vector, model_for, require_unchanged
+from kreisel.runs.geometry import (
+    Surroundings,
+    attitude_of,
+    continued,
+    fixed_vector,
+    model_for,
+    of_satellite,
+    require_unchanged,
+    surroundings,
+)
 from kreisel.runs.in_si import frame_in_si, in_state_form
-from kreisel.runs.orbits import Surroundings, of_satellite, surroundings
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.runs.settings import within
 from kreisel.viewer import bodies
@@ -147,14 +155,16 @@ class Shown:
 
     def _on_its_orbit(self, axis: Any, target: Any) -> None:
         around, q = surroundings(self.run), attitude_of(self.run)
-        axis = orbits.axis_of_pointing(self.run, axis)
+        axis = geometry.axis_of_pointing(self.run, axis)
         self.kind, self.frame, self.around, self.turn, self.axis = "satellite", np.eye(3), around, q, axis
-        self.model = orbits.satellite_model(self.run)  # also of a satellite with a controller, whose own model has code
+        self.model = geometry.satellite_model(
+            self.run
+        )  # also of a satellite with a controller, whose own model has code
         self.body = self._drawn_body("satellite", axis, self._inertia(), 0.82)
         self.tip = algebra.rotation_matrix(q) @ axis
-        self.arrows = orbits.directions(around)
+        self.arrows = geometry.directions(around)
         if not isinstance(target, str) or target not in self.arrows:
-            self.arrows["target"] = orbits.target_of(around, target)
+            self.arrows["target"] = geometry.target_of(around, target)
         aim = target if isinstance(target, str) else "the target"
         self.legend["tip"] = f"axis of the body that is compared with {aim}"
         self.note = "The satellite, larger than it is, about its centre; space has its third axis up."
