@@ -23,7 +23,7 @@ MEANT = 4  # names that a part of a name may match
 BRIEF = 40  # of one in a call
 MOST_FAULTS = 20  # of a file in a message
 FRACTION = re.compile(r"Fraction\((-?\d+), (\d+)\)")
-NUMPY = re.compile(r"\bnp\.(?:float|int|uint)\d+\(([^()]*)\)")
+NUMPY = re.compile(r"(?<!['\"])\bnp\.(?:float|int|uint)\d+\(([^()]*)\)")
 UNLOADED = ("Dataset", "DataArray", "Model")  # classes that signatures name but modules import only for type checkers
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -120,6 +120,7 @@ def test_quantities_of_astropy_have_their_units() -> None:
         ({"lever": "3"}, "lever must have the dimension of m"),
         ({"lever": "3 furlongz"}, "lever must be a quantity such as '1 m', got '3 furlongz'"),
         ({"lever": "--"}, "lever must be a quantity"),
+        ({"lever": f"{np.float64(3.0)!r} cm"}, r"got 'np.float64\(3.0\) cm'"),
         ({"lever": "-15 cm"}, "lever must be a finite number > 0"),
         ({"lever": "nan cm"}, "lever"),
         ({"mass": [["3 kg", "4 kg"]]}, "Lane 0: mass must be a finite number"),
