@@ -18,6 +18,8 @@ try:
 except ImportError as error:
     raise InputError(f"kr.gym needs gymnasium: pip install 'kreisel[gym]'. {error}") from error
 
+ROUNDING = 1e-9  # relative, of the number of actions in an episode
+
 
 @explained
 @dataclass(eq=False, repr=False)
@@ -27,7 +29,7 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
     satellite   a `kr.physical.Satellite` without a controller, with wheels for "wheel_torque"
     actuator    "torque", "wheel_torque", "dipole": actions, entries in [-1, 1], are multiples of `limit`, N m or A m^2
     every, dt   s between actions, for which an action is held, and the step, by default `every`
-    duration    s, of an episode: then all lanes are truncated, and the next step resets them
+    duration    s, of an episode, a multiple of `every`: then all lanes are truncated, and the next step resets them
     target      the attitude to reach, (w, x, y, z), body to space;  rates: rad/s, standard deviation at the start
     reward      a function of (angle to the target in rad, rates as observed, action), each with an axis of lanes
 
@@ -56,7 +58,10 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
         if not (size := {"torque": 3, "wheel_torque": wheels, "dipole": 3}.get(name)):
             raise InputError(f"actuator: expected torque, dipole, or with wheels wheel_torque, got {shown(name)}.")
         convert_fields(self, positive=True, limit=COMMANDS[name], rates="rad/s", every="s", duration="s")
-        counts = {"num_envs": self.num_envs, "duration over every": round(self.duration / self.every)}
+        steps = self.duration / self.every
+        if abs(steps - round(steps)) > ROUNDING * steps:
+            raise InputError(f"duration: expected a multiple of every = {self.every:g} s, got {self.duration:g} s.")
+        counts = {"num_envs": self.num_envs, "duration over every": round(steps)}
         self.num_envs, self._steps = (within(count, key, 1, 10**6) for key, count in counts.items())
         laws: Any = (lambda command: {name: command, "command": command},)  # the memory has the actions
         laws += (lambda command, field: {name: command, "command": command, "seen": field},)

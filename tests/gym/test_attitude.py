@@ -135,6 +135,7 @@ def test_a_reward_has_a_value_for_each_lane() -> None:
         ({"limit": "1 N"}, "limit must have the dimension of N m"),
         ({"dt": 0.3}, "dt"),
         ({"duration": 0.1}, "duration"),
+        ({"duration": 20.0, "every": 3.0}, "^duration: expected a multiple of every = 3 s, got 20 s"),
         ({"target": (1, 1, 0, 0)}, "target"),
     ],
 )

@@ -104,6 +104,19 @@ def test_a_gyroscope_is_shown_in_seconds_joules_and_words():
     assert figure.subfigs[1].axes[-1].get_xlabel() == "time (s)"
 
 
+def test_two_bodies_are_compared_in_seconds():
+    """Tops whose units of time differ by a factor of 3 run for 12 s, also as a model with its unit of time."""
+    tops = [Gyroscope(0.1, k * 1e-4, k * 4e-4, 0.05) for k in (1, 9)]
+    runs = [kr.simulate(top, top.state(0.3, 60.0), dt=2e-3, t_end=12.0, method="dop853", every=20) for top in tops]
+    for strip in kr.plot(runs[0], compare=runs[1]).subfigs[1].axes:
+        lines = [line for line in strip.lines if "sqrt" not in line.get_label()]
+        assert len(lines) == 2 and np.allclose([line.get_xdata()[-1] for line in lines], 12.0, atol=0.2)
+    system = kr.LagrangeTop(p=(0, 0, 1))
+    bare = kr.simulate(system, system.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), dt=0.05, steps=10)
+    with pytest.raises(kr.InputError, match=r"^compare: expected two runs of bodies in SI"):
+        kr.plot(runs[0], compare=bare)
+
+
 BAD = {
     "frame": (lambda run: kr.analysis.pointing(run, frame="orbt"), "Did you mean 'orbit'"),
     "target": (lambda run: kr.plot(run, target="nadr"), "Did you mean 'nadir'"),

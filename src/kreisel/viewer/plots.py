@@ -77,6 +77,12 @@ def plot(
             f"compare: expected a run with the variables {', '.join(first.kinds)} and n = {first.n}, got "
             f"{', '.join(last.kinds)} and n = {last.n}."
         )
+    units = [clock_of(dataset).unit for dataset in runs]
+    if not all(units) and any(units):
+        raise InputError(
+            "compare: expected two runs of bodies in SI, or two runs without units, got one of each. "
+            "Usual cause: a run of body.model() for a run of the body."
+        )
     with figure(theme, 1.0, 0.53, style) as (picture, colours), np.errstate(all="ignore"):
         flies = of_satellite(run) and ORIENTATION in run
         left, right = cast("Any", picture.subfigures(1, 2, width_ratios=[1.35, 1] if flies else [1, 1.25]))
@@ -315,7 +321,8 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], theme: Theme) -> None:
     for number, (axes, (family, change)) in enumerate(zip(panels.flat, families.items(), strict=False)):
         for second, name, envelopes in others:
             if family in envelopes:
-                axes.plot(_thinned_time(second) / clock.size, envelopes[family], color=theme.faint, label=name)
+                seconds = _thinned_time(second) / clock_of(second).second
+                axes.plot(seconds * clock.second / clock.size, envelopes[family], color=theme.faint, label=name)
         style = {"color": theme.colour(number), "linewidth": 0.7, "label": brief(record.method, MOST_TITLE)}
         axes.plot(_thinned_time(run) / clock.size, change, **style)
         walk = r"$2^{-52}\,\sqrt{\mathrm{steps}}$"
