@@ -11,6 +11,7 @@ import pytest
 
 import browser
 import kreisel as kr
+from kreisel.physical import Orbit, Satellite
 from kreisel.viewer import page as page_module
 from kreisel.viewer.frames import between
 from kreisel.viewer.scene import scene
@@ -137,6 +138,23 @@ def test_keys_pictures_and_video(chromium, oriented, tmp_path):
     ).split()
     assert name.startswith("kreisel.") and int(size) > 1_000
     assert chromium.complaints == []
+
+
+@needs_browser
+def test_a_long_legend_fits_a_narrow_phone(chromium, tmp_path):
+    """The entry of a target in space was cut: entries did not wrap."""
+    body = Satellite.cubesat(Orbit.circular("500 km", "97 deg"))
+    run = kr.simulate(body, body.state(), dt="1 min", t_end="1 h", progress=False)
+    chromium.ask("Emulation.setDeviceMetricsOverride", width=320, height=568, deviceScaleFactor=1, mobile=True)
+    try:
+        opened(chromium, kr.view(run, target=(0.125, 0.25, 0.875)), tmp_path / "run.html")
+        assert "(0.125, 0.25, 0.875)" in chromium.run("document.querySelector('#legend span').textContent")
+        rights = "[...document.querySelectorAll('#legend span')].map(e => e.getBoundingClientRect().right)"
+        assert max(chromium.run(rights)) <= chromium.run(
+            "document.getElementById('scene').getBoundingClientRect().right"
+        )
+    finally:
+        chromium.ask("Emulation.clearDeviceMetricsOverride")
 
 
 @needs_browser
