@@ -35,8 +35,7 @@ from kreisel import algebra
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.method import default_method
-from kreisel.method.observing import observer, scheme_of
-from kreisel.method.scheme import Steps
+from kreisel.method.scheme import Steps, observer, scheme_of
 from kreisel.record.calling import call
 from kreisel.runs.planning import make_plan
 from kreisel.system import REGISTRY

@@ -12,7 +12,7 @@ from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab.exact import jacobian
 from kreisel.lab.law import errors_of, flat_start, solutions
 from kreisel.method import scheme
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.model import Model
 
 Array = Any

@@ -44,8 +44,8 @@ from kreisel.algebra import (
     sqrt,
     vec,
 )
+from kreisel.algebra.invariants import diagonal
 from kreisel.algebra.iteration import repeat, times
-from kreisel.algebra.matrices import diagonal
 
 DOUBLINGS, MOST_DOUBLINGS = 10, 20  # straight-line for n = 3, else at most
 SMALL = 1e-18  # of |A|^2 over the 4th power of gamma: the remainder of Y is of the order of A^T Y^-1 A

@@ -24,7 +24,7 @@ from kreisel.kernels.projection import Observed
 from kreisel.kernels.traced import Traced, gradient
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
-from kreisel.method.observing import held_by_orientation
+from kreisel.method.scheme import held_by_orientation
 from kreisel.physical import Ellipsoid
 from kreisel.runs.planning import make_plan
 from kreisel.sweeps.sweep import check_archive

@@ -10,7 +10,7 @@ import pytest
 
 from kreisel import algebra, implicit
 from kreisel.algebra import act, cayley_act, dot, invariants, mat, pairing, trace_log, vec, wedge
-from kreisel.algebra.matrices import border, diagonal, su2
+from kreisel.algebra.invariants import border, diagonal, su2
 from kreisel.baecklund import clebsch as body_maps
 from kreisel.baecklund import lagrange_top as top_maps
 from kreisel.lab import laws

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from kreisel import algebra
-from kreisel.algebra.invariants import determinant
-from kreisel.algebra.matrices import adjugate
+from kreisel.algebra.invariants import adjugate, determinant
 from kreisel.lab import exact, laws
 from kreisel.lab.paper.fields import moved
 from kreisel.system import REGISTRY

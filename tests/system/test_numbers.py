@@ -147,7 +147,7 @@ def test_spectrum_is_the_characteristic_polynomial(n: int) -> None:
     """det(mu - L(lambda)) from the coefficients against the determinant itself."""
     draw = exact.float_random(np.random.default_rng(n))
     m, b, p, lam, mu = algebra.skew(draw((n * (n - 1) // 2,)), n), draw((n,)), draw((n,)), 0.7, 0.4
-    from kreisel.algebra.matrices import border, diagonal
+    from kreisel.algebra.invariants import border, diagonal
 
     L = border(m, lam * b - p / lam)
     coefficients = iter(invariants.bordered_spectrum(m, b, p))

@@ -1,4 +1,6 @@
-"""Characteristic polynomials, Casimirs and Poisson tensors on duals of so(n) <x V and T*S^(n-1), for any number.
+"""Matrices of several records; characteristic polynomials; Casimirs and Poisson tensors; for any kind of number.
+
+The duals are of so(n) <x V; T*S^(n-1), and the spins of a chain.
 
 Batch axes in front; conventions as in `kreisel.algebra`.
 """
@@ -21,10 +23,58 @@ from kreisel.algebra import (
     identity,
     mat,
     sqrt,
+    together,
     triangle,
     vec,
     wedge,
 )
+
+
+def border(m: Array, v: Array, w: Array | None = None) -> Array:
+    """[[m, v], [w^T, 0]] of size n + 1; w = v if not given."""
+    w = v if w is None else w
+    return blocks([[m, v[..., :, None]], [w[..., None, :], 0 * v[..., None, :1]]])
+
+
+def blocks(rows: Sequence[Sequence[Array]]) -> Array:
+    """The matrix of blocks, given by rows."""
+    return np.concatenate([np.concatenate(row, -1) for row in rows], -2)
+
+
+def diagonal(b: Array) -> Array:
+    """diag(b) for b (..., n)."""
+    return b[..., None] * identity(b.shape[-1])
+
+
+SU2_REAL = np.array([[[0, 0], [0, 0]], [[0, -1], [1, 0]], [[0, 0], [0, 0]]], dtype=np.int8)
+SU2_IMAGINARY = np.array([[[0, -1], [-1, 0]], [[0, 0], [0, 0]], [[-1, 0], [0, 1]]], dtype=np.int8)
+
+
+def su2(x: Array) -> Array:
+    """Sum x_i sigma_i/(2i) for vectors x (..., 3): complex matrices (..., 2, 2), whose brackets are cross products."""
+    half = x[..., None, None] / 2
+    return together((half * SU2_REAL).sum(-3), (half * SU2_IMAGINARY).sum(-3))
+
+
+def adjugate(X: Array) -> Array:
+    """The adjugate of X (..., n, n): X adj(X) = det X, from its minors; for small n."""
+    n = X.shape[-1]
+    minors: dict[tuple[tuple[int, ...], tuple[int, ...]], Any] = {}
+
+    def minor(rows: tuple[int, ...], columns: tuple[int, ...]) -> Any:
+        if not rows:
+            return 1
+        if (rows, columns) not in minors:
+            terms = [
+                (-1) ** k * X[..., rows[0], c][()] * minor(rows[1:], columns[:k] + columns[k + 1 :])
+                for k, c in enumerate(columns)
+            ]
+            minors[rows, columns] = sum(terms[1:], terms[0])
+        return minors[rows, columns]
+
+    every = [tuple(k for k in range(n) if k != i) for i in range(n)]
+    rows = [np.stack([(-1) ** (i + j) * minor(every[j], every[i]) for j in range(n)], -1) for i in range(n)]
+    return np.stack(rows, -2)
 
 
 def characteristic(N: Array, last: int | None = None) -> list[Array]:
@@ -287,7 +337,29 @@ def lie_poisson(kinds: Sequence[str], M: Array, *carried: Array) -> Array:
     MM = moved[0]
     MV = np.concatenate([MM[..., :0], *moved[1:]], -1)
     VV = 0 * (MV.mT @ MV)
-    return np.concatenate([np.concatenate([MM, MV], -1), np.concatenate([-MV.mT, VV], -1)], -2)
+    return blocks([[MM, MV], [-MV.mT, VV]])
+
+
+# -- spins of a chain --------------------------------------------------------------------------------------
+
+Spins = tuple[Array, ...]  # three vectors x, y, z (..., n) of components, an entry per site
+
+
+def shifted(x: Array, k: int) -> Array:
+    """x_(i+k) on the ring of the sites."""
+    if hasattr(x, "record_shift"):
+        return x.record_shift(k)
+    return x.__array_namespace__().concatenate([x[..., k:], x[..., :k]], -1)
+
+
+def cross(a: Spins, b: Spins) -> Spins:
+    """a x b at each site."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def inner(a: Spins, b: Spins) -> Array:
+    """<a, b> at each site."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def squared_lengths(*spins: Array) -> Array:
@@ -299,14 +371,13 @@ def squared_lengths(*spins: Array) -> Array:
 def spins_poisson(x: Array, y: Array, z: Array, weight: Array | int = 1) -> Array:
     """{x_i, y_i} = weight_i z_i and cyclic, of the n coordinates x, then y, then z."""
     X, Y, Z = (vec(weight * v) * identity(v.shape[-1]) for v in (x, y, z))
-    rows = ((0 * X, Z, -Y), (-Z, 0 * X, X), (Y, -X, 0 * X))
-    return np.concatenate([np.concatenate(row, -1) for row in rows], -2)
+    return blocks([[0 * X, Z, -Y], [-Z, 0 * X, X], [Y, -X, 0 * X]])
 
 
 def lattice_poisson(spins: Sequence[Array], D: Array) -> Array:
     """The bracket of the spins of two sublattices, one after the other, with weights (1 + D z^2)^(1/2)."""
     first, second = (spins_poisson(x, y, z, sqrt(1 + vec(D) * z * z)) for x, y, z in (spins[:3], spins[3:]))
-    return np.concatenate([np.concatenate([first, 0 * first], -1), np.concatenate([0 * second, second], -1)], -2)
+    return blocks([[first, 0 * first], [0 * second, second]])
 
 
 def sphere_poisson(x: Array, q: Array) -> Array:
@@ -317,4 +388,4 @@ def sphere_poisson(x: Array, q: Array) -> Array:
     r = mat(1 / dot(x, x))
     xq = x[..., :, None] * x[..., None, :] * r - identity(x.shape[-1])
     qq = wedge(x, q) * r
-    return np.concatenate([np.concatenate([0 * qq, xq], -1), np.concatenate([-xq.mT, qq], -1)], -2)
+    return blocks([[0 * qq, xq], [-xq.mT, qq]])

@@ -11,11 +11,10 @@ import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array, act, axial, dot
-from kreisel.analysis.carrying import Carrier
-from kreisel.analysis.events import events, parts_of
+from kreisel.analysis.events import Carrier, events, parts_of
 from kreisel.analysis.quantities import rows_of
 from kreisel.errors import InputError, explained, shown
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs import geometry

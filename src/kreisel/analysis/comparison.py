@@ -12,7 +12,7 @@ import xarray as xr
 from kreisel.analysis.quantities import rows_of
 from kreisel.errors import InputError, explained
 from kreisel.method import find
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.body import model_of
 from kreisel.runs.drift import table_of
 from kreisel.runs.in_si import in_state_form, is_in_si, names_of_state

@@ -21,7 +21,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity, cached_property, reused
 from kreisel.analysis.observations import ATTITUDE, Observations, Unknown, observed, turn_coordinates, unknowns
 from kreisel.errors import AccuracyWarning, InputError, RunError, doubt, explained
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.calling import keywords
 from kreisel.record.model import Model, State

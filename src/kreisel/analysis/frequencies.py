@@ -26,7 +26,7 @@ import xarray as xr
 from kreisel.algebra import Array, dot, unit
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, explained
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME

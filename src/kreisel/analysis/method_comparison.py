@@ -15,7 +15,7 @@ import xarray as xr
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.process import SPENT
 from kreisel.record.body import as_body
 from kreisel.record.contract import Map

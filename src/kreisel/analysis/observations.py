@@ -13,7 +13,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.analysis.quantities import parse_quantity
 from kreisel.errors import InputError, hint, shown
-from kreisel.method.observing import ORIENTATION, as_matrix, functions, with_orientation
+from kreisel.method.scheme import ORIENTATION, as_matrix, functions, with_orientation
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import KINDS, act, bracket, dot, identity, mat, parts, sign, sqrt, together, vec, where_less
-from kreisel.algebra.matrices import adjugate, diagonal
+from kreisel.algebra.invariants import adjugate, diagonal
 from kreisel.record.calling import call
 from kreisel.record.contract import ConjugatePairs
 

@@ -29,7 +29,7 @@ from kreisel.algebra import (
     where_less,
 )
 from kreisel.algebra.backend import Complex
-from kreisel.algebra.matrices import adjugate
+from kreisel.algebra.invariants import adjugate
 from kreisel.baecklund.conjugate import longest, norm, projector_of, under
 from kreisel.record.contract import ConjugatePairs
 

@@ -32,7 +32,7 @@ from kreisel.algebra import (
     wedge,
     where_less,
 )
-from kreisel.algebra.matrices import border
+from kreisel.algebra.invariants import border
 from kreisel.record.contract import Baecklund, named
 
 FEW = 5  # dimensions up to which curves are polynomials, by 2^n Pfaffians, in which no terms cancel

@@ -18,7 +18,7 @@ from functools import reduce
 import numpy as np
 
 from kreisel.algebra import KINDS, axial, bracket, dot, hat, mat, parts, sqrt, together, vec, wedge, where_less
-from kreisel.algebra.matrices import adjugate, diagonal
+from kreisel.algebra.invariants import adjugate, diagonal
 from kreisel.baecklund.conjugate import eigenvector, heights, largest, norm, projector_of, under
 from kreisel.record.contract import ConjugatePairs
 

@@ -21,8 +21,7 @@ from kreisel.graph import graph as ops
 from kreisel.graph.graph import Graph, Number, Operand, TooLong, depending, operands_of
 from kreisel.graph.recording import recorded_arguments
 from kreisel.kernels.layout import Floats
-from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import ORIENTATION, Scheme
 
 MOST_N, MOST_NODES = 10, 120_000  # beyond, `kreisel.kernels.projection`: recording needs seconds
 MOST_STRAIGHT = 28_000  # instructions of a projection that is written out; it is then compiled in less than 2 s

@@ -15,8 +15,7 @@ from kreisel.errors import RunError
 from kreisel.graph.invariants import recordable
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import InDoubles, gauss_newton, led, scales
-from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import Flow, JaxSteps, Scheme
+from kreisel.method.scheme import ORIENTATION, Flow, JaxSteps, Scheme
 from kreisel.reduction.double import double, jax
 
 jnp = jax.numpy

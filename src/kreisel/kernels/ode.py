@@ -11,8 +11,7 @@ from kreisel.errors import RunError
 from kreisel.graph.recording import flat_constants
 from kreisel.kernels.cpu import compiled_rate
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.method.observing import WORK
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import WORK, Scheme
 
 # all that the next step and the dense output of scipy.integrate.DOP853 depend on
 SOLVER = ("t", "y", "t_old", "y_old", "h_abs", "h_previous", "f", "K_extended")

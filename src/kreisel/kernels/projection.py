@@ -17,8 +17,7 @@ from kreisel.algebra.reuse import reused
 from kreisel.graph.project import EPS, GAIN, TAU, Corrections, interval
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.traced import Namespace, Traced, cost, gradient
-from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import ORIENTATION, Scheme
 
 FLAT = 2.0**-4  # as in `kreisel.graph.project`, where values have more digits
 MOST_N = 100  # beyond, an evaluation needs a second; from 82 on BLAS may give other bits for other counts of threads

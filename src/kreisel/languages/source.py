@@ -48,8 +48,7 @@ from kreisel.languages.bodies import (
 from kreisel.languages.dialects import LANGUAGES
 from kreisel.languages.writer import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values, assembled, numbers_of
 from kreisel.method import find
-from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import Orbits, Scheme, Steps
+from kreisel.method.scheme import ORIENTATION, Orbits, Scheme, Steps
 from kreisel.method.splitting import closed_form
 from kreisel.record.body import as_body
 from kreisel.record.calling import call

@@ -7,9 +7,8 @@ from typing import Any
 
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError, hint, shown
-from kreisel.method.observing import held_by_orientation
 from kreisel.method.records import METHODS, Method
-from kreisel.method.scheme import Outcome, Scheme
+from kreisel.method.scheme import Outcome, Scheme, held_by_orientation
 from kreisel.record.model import Model
 
 __all__ = ["METHODS", "Method", "Outcome", "Scheme", "default_method", "find", "scheme"]

@@ -27,8 +27,8 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.forces.kicks import perturbation_of
 from kreisel.method.baecklund import baecklund
-from kreisel.method.observing import State, with_lanes
 from kreisel.method.records import METHODS
+from kreisel.method.scheme import State, with_lanes
 from kreisel.record.calling import call
 from kreisel.record.contract import System
 from kreisel.record.model import Model

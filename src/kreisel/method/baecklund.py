@@ -18,8 +18,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.method.observing import State, as_matrix, observer, scheme_of
-from kreisel.method.scheme import SPINS, Points, Scheme, Steps
+from kreisel.method.scheme import SPINS, Points, Scheme, State, Steps, as_matrix, observer, scheme_of
 from kreisel.record.calling import call
 from kreisel.record.contract import Baecklund, Frame
 from kreisel.record.model import Model

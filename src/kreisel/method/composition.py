@@ -33,8 +33,16 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.method.observing import Observed, State, held_by_orientation, scheme_of, with_orientation
-from kreisel.method.scheme import Guard, Scheme, Steps
+from kreisel.method.scheme import (
+    Guard,
+    Observed,
+    Scheme,
+    State,
+    Steps,
+    held_by_orientation,
+    scheme_of,
+    with_orientation,
+)
 from kreisel.record.model import Model
 
 DEFECT = "defect"

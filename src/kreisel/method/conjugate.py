@@ -31,8 +31,7 @@ from kreisel.algebra.reuse import Identity, cached_property, reused
 from kreisel.errors import InputError
 from kreisel.exact.quadrics import lift
 from kreisel.method.baecklund import constant_turns, stage_points
-from kreisel.method.observing import State, as_matrix, observer, scheme_of
-from kreisel.method.scheme import Scheme, Steps
+from kreisel.method.scheme import Scheme, State, Steps, as_matrix, observer, scheme_of
 from kreisel.record.calling import call
 from kreisel.record.contract import ConjugatePairs, ExactMap
 from kreisel.record.model import Model

@@ -14,8 +14,7 @@ from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved_totals
 from kreisel.forces.kicks import ORIENTATION, Body
 from kreisel.forces.product import constants_of_pairs
-from kreisel.method.observing import BALANCE, WORK
-from kreisel.method.scheme import Coupling, Outcome
+from kreisel.method.scheme import BALANCE, WORK, Coupling, Outcome
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, pairs_of

@@ -24,9 +24,8 @@ from kreisel.exact.motion import UNTURNED, TopMotion
 from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.rotor import Rotor
 from kreisel.method.baecklund import pade_zeros, spin_turns, stage, stage_points, turned_with_body
-from kreisel.method.observing import Only, State, observer, scheme_of
 from kreisel.method.records import METHODS
-from kreisel.method.scheme import SPINS, Jump, Orbits, Scheme, Spin, Steps
+from kreisel.method.scheme import SPINS, Jump, Only, Orbits, Scheme, Spin, State, Steps, observer, scheme_of
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, Orbit, States
 from kreisel.record.model import Model

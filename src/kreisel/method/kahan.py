@@ -28,8 +28,7 @@ from kreisel.algebra.invariants import stack
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
 from kreisel.method.composition import DEFECT, composed
-from kreisel.method.observing import Only, State, observer, turned_by_velocity
-from kreisel.method.scheme import Guard, Outcome, Scheme
+from kreisel.method.scheme import Guard, Only, Outcome, Scheme, State, observer, turned_by_velocity
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, PhaseSpace
 from kreisel.record.model import Model

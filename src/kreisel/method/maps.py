@@ -23,8 +23,19 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.method.composition import DEFECT, composed, symmetric_composition
-from kreisel.method.observing import State, observer, scheme_of, turned, turned_by_map
-from kreisel.method.scheme import Guard, JaxSteps, Orbits, Points, Scheme, Steps
+from kreisel.method.scheme import (
+    Guard,
+    JaxSteps,
+    Orbits,
+    Points,
+    Scheme,
+    State,
+    Steps,
+    observer,
+    scheme_of,
+    turned,
+    turned_by_map,
+)
 from kreisel.record.calling import Function, call, keywords
 from kreisel.record.contract import Frame, Map, Orbit
 from kreisel.record.model import Model

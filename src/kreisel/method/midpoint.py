@@ -22,12 +22,11 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.invariants import Spins, cross, inner
 from kreisel.algebra.iteration import repeat
-from kreisel.algebra.matrices import Spins, cross, inner
 from kreisel.method.composition import DEFECT, composed
 from kreisel.method.kahan import is_euler_top, linear_integrals
-from kreisel.method.observing import State, observer, turned_by_velocity
-from kreisel.method.scheme import Guard, Scheme
+from kreisel.method.scheme import Guard, Scheme, State, observer, turned_by_velocity
 from kreisel.record.calling import call
 from kreisel.record.contract import PhaseSpace
 from kreisel.record.model import Model

@@ -11,8 +11,18 @@ from kreisel.algebra import Array
 from kreisel.forces.kicks import Body
 from kreisel.forces.product import of_bodies
 from kreisel.method import driven
-from kreisel.method.observing import ORIENTATION, WORK, Only, State, as_matrix, observer, scheme_of, with_orientation
-from kreisel.method.scheme import Flow, Scheme
+from kreisel.method.scheme import (
+    ORIENTATION,
+    WORK,
+    Flow,
+    Only,
+    Scheme,
+    State,
+    as_matrix,
+    observer,
+    scheme_of,
+    with_orientation,
+)
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model

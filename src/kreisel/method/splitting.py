@@ -37,11 +37,30 @@ from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of, require_principal
 from kreisel.forces.product import Factor, of_bodies
 from kreisel.forces.turns import turns_of
-from kreisel.method import driven, observing
+from kreisel.method import driven
 from kreisel.method.composition import Splitting as Fractions
 from kreisel.method.composition import corrector, inverse, splitting, symmetric_composition
-from kreisel.method.observing import COUNT, ORIENTATION, WORK, Observed, Only, State, as_matrix, scheme_of
-from kreisel.method.scheme import COUPLED_N, Corrector, CoupledSteps, Guard, Numbers, Scheme, Steps, too_large_to_couple
+from kreisel.method.scheme import (
+    COUNT,
+    COUPLED_N,
+    ORIENTATION,
+    WORK,
+    Corrector,
+    CoupledSteps,
+    Guard,
+    Numbers,
+    Observed,
+    Only,
+    Scheme,
+    State,
+    Steps,
+    as_matrix,
+    observer,
+    scheme_of,
+    too_large_to_couple,
+    turned_by_map,
+    with_orientation,
+)
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, Map, System
 from kreisel.record.model import Model
@@ -280,7 +299,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         if coupling is None
         else CoupledSteps(body.drift, body.kick, coupling.forces, body.close),
         _observer(body, order),
-        components=(*observing.with_orientation(model, oriented), *body.extra.items()),
+        components=(*with_orientation(model, oriented), *body.extra.items()),
         constants={**of_bodies(model), **constants},
         axes={**model.axes, **dict.fromkeys((*stages, *constants), 0)},
         stages=stages,
@@ -328,7 +347,7 @@ def _observer(body: Splitting, order: Any) -> Observed:
         bound += ", O(dt) where it jumps"
     oscillates = f"not conserved: it oscillates by {bound}, without a trend"
     energy = f"Hamiltonian H of the perturbed body, {'which changes by work' if body.driven else oscillates}"
-    plain, outcomes = observing.observer(model, body.oriented, conserved=names, meanings={"energy": energy})
+    plain, outcomes = observer(model, body.oriented, conserved=names, meanings={"energy": energy})
     if body.driven:
         outcomes |= driven.outcomes_of_work(oscillates)
     outcomes |= driven.outcomes_of_totals(model, oscillates)
@@ -552,7 +571,7 @@ def _composed(base: System, phi: Map, order: int) -> Integrable:
             arguments = {**constants, "eps": float(fraction) * h}
             old = state if phi.symmetric else call(phi.from_symmetric, state, arguments)
             new = call(phi.step, old, arguments)
-            g = tuple(observing.turned_by_map(phi, base.frame, old, new, arguments, h) for h in g)
+            g = tuple(turned_by_map(phi, base.frame, old, new, arguments, h) for h in g)
             state = new if phi.symmetric else call(phi.to_symmetric, new, arguments)
         return tuple(state), g
 

@@ -22,7 +22,7 @@ from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import control as sampling
 from kreisel.forces.control import BIAS, COMMANDS, DEVIATION, LIMIT, QUEUE, SENSORS, WHEEL_LIMIT
 from kreisel.forces.kicks import BODY_AXES, HELD, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
-from kreisel.method.observing import BALANCE, WORK
+from kreisel.method.scheme import BALANCE, WORK
 from kreisel.physical.measures import (
     attitude_quaternion,
     convert_fields,

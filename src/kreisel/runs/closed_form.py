@@ -17,8 +17,7 @@ from kreisel.exact.nutation import Integrals, MpNumber, Nutation, mp_number
 from kreisel.method import default_method, find, scheme
 from kreisel.method.conjugate import has_points
 from kreisel.method.exact import motion_of_top
-from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import Jump
+from kreisel.method.scheme import ORIENTATION, Jump
 from kreisel.record.body import Body, as_body
 from kreisel.record.values import in_lane
 from kreisel.runs.describing import in_memory

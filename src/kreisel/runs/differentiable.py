@@ -19,8 +19,18 @@ from kreisel.method import find, scheme
 from kreisel.method.baecklund import Product
 from kreisel.method.conjugate import OF_MAP, fractions
 from kreisel.method.driven import zero
-from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with_orientation
-from kreisel.method.scheme import SPINS, Guard, JaxSteps, Scheme, Steps
+from kreisel.method.scheme import (
+    COUNT,
+    ORIENTATION,
+    SPINS,
+    Guard,
+    JaxSteps,
+    Scheme,
+    Steps,
+    as_matrix,
+    turned,
+    with_orientation,
+)
 from kreisel.method.splitting import REACH, closed_form
 from kreisel.method.splitting import make as splitting
 from kreisel.record.body import Body, as_body

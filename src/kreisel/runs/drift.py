@@ -16,8 +16,7 @@ from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, dou
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.method import scheme
-from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import KINDS
+from kreisel.method.scheme import KINDS, ORIENTATION
 from kreisel.runs.geometry import require_unchanged
 from kreisel.runs.in_si import frame_in_si, in_state_form
 from kreisel.runs.plan import Plan

@@ -17,7 +17,7 @@ from kreisel.algebra import Array
 from kreisel.bodies import find
 from kreisel.errors import InputError, hint, require_one_of, shown
 from kreisel.files import parsed, read_values
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.body import Body, model_of
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model

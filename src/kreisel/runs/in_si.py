@@ -21,7 +21,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.random import GENERATOR
 from kreisel.errors import InputError, RunError, doubt, shown
 from kreisel.files import parsed
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State

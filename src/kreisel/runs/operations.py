@@ -29,7 +29,7 @@ from kreisel.algebra.reuse import Identity, reused
 from kreisel.errors import InputError, hint, shown
 from kreisel.files import parsed
 from kreisel.graph.graph import Graph, Number, array_of
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import System
 from kreisel.record.model import Model

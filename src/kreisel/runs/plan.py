@@ -18,8 +18,7 @@ from kreisel.kernels.cpu import CpuEngine, point_links, points
 from kreisel.kernels.engines import Engine, Rows, corrections, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method
-from kreisel.method.observing import COUNT, ORIENTATION, with_orientation
-from kreisel.method.scheme import Flow, Orbits
+from kreisel.method.scheme import COUNT, ORIENTATION, Flow, Orbits, with_orientation
 from kreisel.process import spent_on
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME, require_bodies

@@ -21,8 +21,7 @@ from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.engines import Engine
 from kreisel.method import find, scheme
-from kreisel.method.observing import ORIENTATION, with_lanes
-from kreisel.method.scheme import Orbits
+from kreisel.method.scheme import ORIENTATION, Orbits, with_lanes
 from kreisel.process import duration_text, size_text
 from kreisel.record.calling import call
 from kreisel.record.model import Model, State

@@ -15,8 +15,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.files import require_file, stands
 from kreisel.method import Scheme, scheme
-from kreisel.method.observing import COUNT, ORIENTATION
-from kreisel.method.scheme import KINDS
+from kreisel.method.scheme import COUNT, KINDS, ORIENTATION
 from kreisel.record.perturbation import TIME
 from kreisel.runs.drift import lane_scales
 from kreisel.runs.integration import Integration

@@ -31,7 +31,7 @@ from kreisel.algebra import Array
 from kreisel.bodies.orbit import EARTH
 from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.files import NPZ_ATTRIBUTES, read_values, require_file, written
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.units import AXES, BODY
 from kreisel.runs.geometry import (

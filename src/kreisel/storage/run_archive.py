@@ -16,7 +16,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, Stopped, on_disk, shown
 from kreisel.files import stands
 from kreisel.kernels.layout import Floats
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs import describing
 from kreisel.runs.describing import CORRECTION, body_of, saved_times

@@ -31,8 +31,7 @@ from kreisel.errors import InputError, RunError, hint, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome
 from kreisel.method.auto import Choice
-from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import KINDS
+from kreisel.method.scheme import KINDS, ORIENTATION
 from kreisel.record.body import Body, joined
 from kreisel.record.contract import System
 from kreisel.record.model import Model, State

@@ -7,8 +7,7 @@ M (..., n, n) skew, P (..., n), body frame; B = diag(b).  Plus bracket, F' = {H,
 import numpy as np
 
 from kreisel.algebra import act, cayley_act, dot, identity, log, mat, moebius, pairing, trace_log, vec, wedge
-from kreisel.algebra.invariants import pencil_spectrum
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal, pencil_spectrum
 from kreisel.baecklund.clebsch import BAECKLUND, shifted_diagonal
 from kreisel.baecklund.conjugate import CLEBSCH, in_letter
 from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, kicked_map, named

@@ -5,8 +5,7 @@ M (..., n, n) skew, P (..., n), body frame.  c_jk = (b_j - b_k)/(a_j - a_k); plu
 """
 
 from kreisel.algebra import act, dot, identity, pairing, wedge
-from kreisel.algebra.invariants import pencil_spectrum
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal, pencil_spectrum
 from kreisel.baecklund.conjugate import CLEBSCH
 from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, named
 from kreisel.record.values import distinct

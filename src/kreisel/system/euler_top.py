@@ -14,8 +14,7 @@ import numpy as np
 
 from kreisel import implicit
 from kreisel.algebra import cayley, cayley_conjugate, identity, pairing
-from kreisel.algebra.invariants import metric_spectrum
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal, metric_spectrum
 from kreisel.baecklund.conjugate import MANAKOV, of_body
 from kreisel.errors import InputError
 from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, Relation, System, implicit_map, named

@@ -25,8 +25,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import axial, cross, dot, hat, identity, mat, vec
-from kreisel.algebra.invariants import lie_poisson, stack
-from kreisel.algebra.matrices import blocks
+from kreisel.algebra.invariants import blocks, lie_poisson, stack
 from kreisel.baecklund.komarov import pairs_of
 from kreisel.record.contract import MOVING_SPACE, Parameter, PhaseSpace, System, named
 

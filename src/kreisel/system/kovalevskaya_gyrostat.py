@@ -16,8 +16,7 @@ Suris 2001, Introduction; the map was found by `kreisel.lab.search`]
 import numpy as np
 
 from kreisel.algebra import act, axial, cayley, cayley_columns, dot, hat, identity, mat, pairing, solve, vec, wedge
-from kreisel.algebra.invariants import stack
-from kreisel.algebra.matrices import blocks
+from kreisel.algebra.invariants import blocks, stack
 from kreisel.baecklund.kovalevskaya import TWO_FIELDS
 from kreisel.record.contract import TWO_FIELDS_SPACE, Map, Parameter, System, named
 from kreisel.system import quadratic_field as general

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import axial, cayley, cross, dot, hat, identity, mat, solve, vec, wedge
-from kreisel.algebra.matrices import SU2_IMAGINARY, SU2_REAL, blocks
+from kreisel.algebra.invariants import SU2_IMAGINARY, SU2_REAL, blocks
 from kreisel.record.contract import Relation, kicked_map, named
 from kreisel.system import kovalevskaya_top_e3 as first
 from kreisel.system import quadratic_field as general

@@ -6,8 +6,7 @@ the rest frame; p is the constant gravity vector (potential <p, a>).  Minus brac
 """
 
 from kreisel.algebra import act, dot, identity, log, mat, pairing, project_out, trace_log, vec, wedge
-from kreisel.algebra.invariants import bordered_spectrum
-from kreisel.algebra.matrices import border
+from kreisel.algebra.invariants import border, bordered_spectrum
 from kreisel.algebra.rotations import cayley_act, moebius
 from kreisel.baecklund.lagrange_top import BAECKLUND, spin
 from kreisel.record.contract import REST_SPACE, Checks, ClosedForm, Parameter, Relation, System, kicked_map, named

@@ -7,8 +7,7 @@ mass tensor: alpha/2, ..., alpha/2 and 1 - alpha/2 along A.
 """
 
 from kreisel.algebra import act, dot, identity, log, mat, pairing, project_out, trace_log, vec, wedge
-from kreisel.algebra.invariants import bordered_spectrum
-from kreisel.algebra.matrices import border
+from kreisel.algebra.invariants import border, bordered_spectrum
 from kreisel.algebra.rotations import cayley, cayley_act, cayley_conjugate, moebius, resolvent
 from kreisel.baecklund.lagrange_top import MOVING
 from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System, named

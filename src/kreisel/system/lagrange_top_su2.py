@@ -15,8 +15,7 @@ the formulas is open, the formulas themselves are tested]
 from dataclasses import replace
 
 from kreisel.algebra import act, axial, dot, identity, log
-from kreisel.algebra.invariants import stack, trace
-from kreisel.algebra.matrices import su2
+from kreisel.algebra.invariants import stack, su2, trace
 from kreisel.record.contract import Relation, named
 from kreisel.system import lagrange_top
 

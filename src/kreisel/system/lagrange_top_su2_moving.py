@@ -7,8 +7,7 @@ Notation and source as in `lagrange_top_su2`.  With W = g_k^-1 g_(k+1) in SU(2) 
 """
 
 from kreisel.algebra import act, axial, dot, identity, log
-from kreisel.algebra.invariants import stack, trace
-from kreisel.algebra.matrices import su2
+from kreisel.algebra.invariants import stack, su2, trace
 from kreisel.system import lagrange_top_moving as moving
 from kreisel.system.lagrange_top_su2 import of_1999
 

@@ -19,8 +19,7 @@ m* p m, m the Lax matrix of the other one at the zero of det q.  For D = 0 both 
 import numpy as np
 
 from kreisel.algebra import log, sqrt, vec
-from kreisel.algebra.invariants import stack
-from kreisel.algebra.matrices import cross, inner, shifted
+from kreisel.algebra.invariants import cross, inner, shifted, stack
 from kreisel.errors import InputError
 from kreisel.record.contract import Map, Parameter, System, named
 from kreisel.record.spheres import LATTICE_SPACE

@@ -4,8 +4,7 @@ Omega_jk = c_jk M_jk with c_jk = (b_j - b_k)/(a_j - a_k); plus bracket, F' = {H,
 Suris 2001, Introduction]
 """
 
-from kreisel.algebra.invariants import metric_spectrum
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal, metric_spectrum
 from kreisel.baecklund.conjugate import MANAKOV
 from kreisel.record.contract import FREE_SPACE, Parameter, System, named
 from kreisel.record.values import distinct

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import dot, holds_objects, identity, sqrt, vec, wedge
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal
 from kreisel.record.contract import Map, Relation, named
 from kreisel.system import neumann
 

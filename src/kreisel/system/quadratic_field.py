@@ -15,8 +15,7 @@ clebsch has F = P P^T, kovalevskaya-gyrostat the F of fields in so(n) x so(2), r
 import numpy as np
 
 from kreisel.algebra import KINDS, bracket, dot, hat, holds_objects, identity, mat, pairing, solve, symmetric, trace_log
-from kreisel.algebra.invariants import determinant, stack
-from kreisel.algebra.matrices import blocks, diagonal
+from kreisel.algebra.invariants import blocks, determinant, diagonal, stack
 from kreisel.algebra.rotations import SECOND, THIRD, axial, cayley
 from kreisel.baecklund.conjugate import QUADRATIC, in_letter
 from kreisel.record.contract import FIELD_SPACE, Parameter, System, kicked_map, named

@@ -15,8 +15,7 @@ from math import inf
 
 from kreisel import implicit
 from kreisel.algebra import KINDS, bracket, cayley, cayley_conjugate, identity, pairing, resolvent, solve
-from kreisel.algebra.invariants import laurent_spectrum
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal, laurent_spectrum
 from kreisel.baecklund.conjugate import QUADRATIC, of_body
 from kreisel.record.contract import QUADRATIC_SPACE, ClosedForm, implicit_map, named
 from kreisel.system import euler_top

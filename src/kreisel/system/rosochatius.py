@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import dot, identity, sqrt, vec, wedge
-from kreisel.algebra.invariants import stack
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal, stack
 from kreisel.record.contract import Checks, Map, Parameter, System, named, pullback
 from kreisel.record.spheres import SPHERE_SPACE, random_on_sphere
 from kreisel.record.values import distinct, refused

@@ -14,8 +14,7 @@ Plus bracket, F' = {H, F}.  [Rubanovskii 1988.  The Lax pair was derived here]
 from dataclasses import replace
 
 from kreisel.algebra import bracket, hat, mat, pairing, vec
-from kreisel.algebra.invariants import stack, trace
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal, stack, trace
 from kreisel.baecklund.steklov import RUBANOVSKII, halves
 from kreisel.record.contract import Parameter, named
 from kreisel.system import steklov_lyapunov

@@ -12,7 +12,7 @@ of sites going to 0 and Jx = Jy = Jz this is the equation of Landau and Lifshitz
 import numpy as np
 
 from kreisel.algebra import dot, vec
-from kreisel.algebra.matrices import cross, shifted
+from kreisel.algebra.invariants import cross, shifted
 from kreisel.record.contract import Parameter, System, named
 from kreisel.record.spheres import SPINS_SPACE
 

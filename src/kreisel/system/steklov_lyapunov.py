@@ -13,8 +13,7 @@ Conclusions.  The Lax pair was found from the requirement of involution; it was 
 from dataclasses import replace
 
 from kreisel.algebra import bracket, identity, mat, pairing, vec
-from kreisel.algebra.invariants import stack, trace
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal, stack, trace
 from kreisel.baecklund.steklov import STEKLOV_LYAPUNOV
 from kreisel.record.contract import ADJOINT_PAIR_SPACE, Parameter, System, named
 

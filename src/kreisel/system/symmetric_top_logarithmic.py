@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import act, dot, identity, log, mat, pairing, trace_log, wedge
-from kreisel.algebra.matrices import border
+from kreisel.algebra.invariants import border
 from kreisel.record.contract import Relation, kicked_map, named
 from kreisel.system import quadratic_field as general
 from kreisel.system import symmetric_top

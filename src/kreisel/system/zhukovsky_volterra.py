@@ -14,7 +14,7 @@ H and the Casimir |M|^2 are complete.  Plus bracket, F' = {H, F}.  The Lax pair,
 """
 
 from kreisel.algebra import SECOND, THIRD, axial, dot, hat, identity
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import diagonal
 from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, System, named
 from kreisel.record.values import check_positive_diagonal
 

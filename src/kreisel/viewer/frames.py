@@ -18,7 +18,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, brief, shown
 from kreisel.forces.kicks import WHEELS
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.record.perturbation import pairs_of
 from kreisel.runs.geometry import angles_of, components, pointing_error, satellite_model, surroundings, velocity_of

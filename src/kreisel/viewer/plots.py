@@ -14,7 +14,7 @@ from matplotlib.ticker import MultipleLocator
 from kreisel.errors import InputError, brief, explained, hint, shown
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON
-from kreisel.method.observing import BALANCE, ORIENTATION
+from kreisel.method.scheme import BALANCE, ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import fixed_vector, model_for, of_satellite, require_unchanged

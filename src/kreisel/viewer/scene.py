@@ -30,7 +30,7 @@ from kreisel.bodies.orbit import EARTH
 from kreisel.errors import InputError, printable, shown
 from kreisel.files import parsed
 from kreisel.kernels.layout import MACHINE_EPSILON
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.perturbation import pairs_of
 from kreisel.runs import geometry

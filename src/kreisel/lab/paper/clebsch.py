@@ -8,8 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from kreisel.algebra import Array, act, bracket, cayley, dot, identity, log, pairing, wedge
-from kreisel.algebra.invariants import characteristic
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra.invariants import characteristic, diagonal
 from kreisel.lab.law import Sides
 from kreisel.lab.paper import calculus
 from kreisel.lab.paper.calculus import gradient, half, outer, right_derivative, series, trace_log_of

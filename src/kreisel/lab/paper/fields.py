@@ -9,8 +9,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, dot, identity, moebius, solve
 from kreisel.algebra.backend import Complex
-from kreisel.algebra.invariants import determinant
-from kreisel.algebra.matrices import blocks
+from kreisel.algebra.invariants import blocks, determinant
 from kreisel.baecklund.komarov import PENCIL
 from kreisel.lab.exact import jacobian
 from kreisel.lab.law import Sides

@@ -8,8 +8,7 @@ import numpy as np
 
 from kreisel import system as systems
 from kreisel.algebra import Array, act, axial, bracket, cayley, dot, hat, identity, log, mat, solve
-from kreisel.algebra.invariants import characteristic, trace
-from kreisel.algebra.matrices import diagonal, su2
+from kreisel.algebra.invariants import characteristic, diagonal, su2, trace
 from kreisel.lab.exact import generator
 from kreisel.lab.law import Sides
 from kreisel.lab.paper.calculus import half, outer, series, trace_log_of

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, act, bracket, cayley, cayley_act, dot, identity, log, moebius, pairing, solve, wedge
-from kreisel.algebra.matrices import border, diagonal
+from kreisel.algebra.invariants import border, diagonal
 from kreisel.algebra.rotations import triangle
 from kreisel.lab.exact import coefficient, generator
 from kreisel.lab.law import Sides

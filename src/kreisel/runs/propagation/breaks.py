@@ -16,8 +16,7 @@ from kreisel import algebra
 from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
-from kreisel.method.observing import COUNT, ORIENTATION, WORK
-from kreisel.method.scheme import CoupledSteps, Flow, Scheme, Steps
+from kreisel.method.scheme import COUNT, ORIENTATION, WORK, CoupledSteps, Flow, Scheme, Steps
 from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of
 from kreisel.runs.settings import LARGE, WHOLE, NamedComponents

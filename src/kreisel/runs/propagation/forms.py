@@ -15,8 +15,7 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.kernels.cpu import RowFunction, row_function
 from kreisel.kernels.layout import Floats
-from kreisel.method.observing import ORIENTATION, with_orientation
-from kreisel.method.scheme import Flow, Scheme
+from kreisel.method.scheme import ORIENTATION, Flow, Scheme, with_orientation
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import pairs_of, require_bodies
 from kreisel.record.values import in_lane

@@ -16,8 +16,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
-from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import Flow, Orbits
+from kreisel.method.scheme import ORIENTATION, Flow, Orbits
 from kreisel.record.body import Body, as_body
 from kreisel.record.calling import keywords
 from kreisel.record.model import Model, State

@@ -26,8 +26,7 @@ from kreisel.kernels.engines import Engine, corrections
 from kreisel.kernels.exact.jumps import FEW, TOLERANCE, Jumps
 from kreisel.kernels.layout import Floats, threads_for
 from kreisel.method import scheme as scheme_of
-from kreisel.method.observing import COUNT, ORIENTATION
-from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
+from kreisel.method.scheme import COUNT, ORIENTATION, Flow, Jump, Orbits, Scheme, Steps
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.record.table import require_within, tables_of_time
