@@ -138,3 +138,20 @@ def test_numbers_without_values_compare_to_nothing(make: Callable[[], Any]) -> N
     assert x is not None and not (x == "x")
     assert not is_known_zero(array_of([0.0, x]))
     assert is_known_zero(np.zeros(2))
+
+
+@pytest.mark.parametrize("size", [1e-8, 1e-3, 1.0, 1e3, 1e8])
+def test_phase_spaces_in_any_unit(size: float) -> None:
+    """M in units of size, P of its square: <M, P> of a state that is off was 1e-24, of a state that is on 1e-7."""
+    top, P = kr.GoryachevChaplygin(gamma=0.3 * size), np.array([0.6, 0.1, 0.7])
+    off = np.array([1.3, 0.2, 0.5])
+    on = off - P * (off @ P) / (P @ P)
+    assert np.allclose(top.state(M=size * on, P=size**2 * P).P, size**2 * P, rtol=1e-15)
+    with pytest.raises(kr.InputError, match=r"must lie on .* not projected across another"):
+        top.state(M=size * off, P=size**2 * P)
+    particle, x = kr.Neumann(b=(1, 2, 3)), np.array([0.6, 0.48, 0.64])
+    q = size * (off - x * (off @ x))
+    assert (particle.state(x=x, q=q).x == particle.state(x=x, q=0 * q).x).all()
+    for wrong in ({"x": x, "q": size * off}, {"x": (1 + 1e-9) * x, "q": q}, {"x": 0 * x, "q": 0 * q}):
+        with pytest.raises(kr.InputError, match="must lie on"):
+            particle.state(**wrong)

@@ -229,10 +229,12 @@ def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> Non
             raise InputError(f"The batch axes of the components do not fit: {batches}.") from None
     for formula, constraint in space.constraints.items():
         off = algebra.magnitude(constraint(*parts.values()))
-        if off > SKEW_TOLERANCE:
+        sizes = [np.zeros_like(v) + algebra.magnitude(v) for v in parts.values()]
+        terms = [algebra.magnitude(constraint(*(k * v for v in sizes))) for k in (0, 1)]
+        if off > SKEW_TOLERANCE * max(terms):  # of the size of its terms: 1 of |x|^2 - 1, |M| |P| of <M, P>
             raise InputError(
                 f"The state must lie on {space.name}: {formula} = 0, but it is {off:.3g}. "
-                "Normalise x, then project q orthogonally to x."
+                "Usual cause: a component that is not normalised, or not projected across another."
             )
 
 
