@@ -117,7 +117,7 @@ def test_a_shape_in_the_format_of_damit(tmp_path):
 
 def test_derivatives():
     jax = pytest.importorskip("jax")
-    from kreisel.reduction.double import double
+    from kreisel.reduction.numerics import double
 
     s, o, h = np.array([1.0, 0.1, 0.2]), np.array([1.0, 0.0, 0.3]), 1e-6
     light = brightness(AXES, phase=(0.5, 0.1, -0.5))

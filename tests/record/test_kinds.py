@@ -30,7 +30,7 @@ def test_rotations_act_as_their_velocities_say(name, n):
 @pytest.mark.parametrize("n", [3, 4])
 def test_coordinates_are_those_of_the_components_one_after_the_other(n):
     pytest.importorskip("jax")
-    from kreisel.reduction.double import double, jax
+    from kreisel.reduction.numerics import double, jax
 
     kinds = (*NAMES, *OTHERS)
     size = algebra.coordinate_count(kinds, n)

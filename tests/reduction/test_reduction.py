@@ -20,7 +20,7 @@ from kreisel import reduction as red
 from kreisel.algebra import invariants
 from kreisel.lab import exact, laws
 from kreisel.record.contract import System
-from kreisel.reduction import solving
+from kreisel.reduction import numerics
 from kreisel.reduction.groups import random_element
 from kreisel.runs.operations import load_system
 from kreisel.storage.simulate import resume
@@ -388,14 +388,14 @@ def test_linear_algebra_of_small_matrices() -> None:
     """Against LAPACK, where a pivot is zero too; derivatives against differences."""
     A = np.stack([rng(3).normal(size=(4, 4)), np.eye(4)[[1, 2, 3, 0]]])
     with red.double():
-        inverse, determinant = solving.inverse_and_determinant(jnp.asarray(A))
+        inverse, determinant = numerics.inverse_and_determinant(jnp.asarray(A))
         assert abs(inverse @ A - np.eye(4)).max() < 1e-13
         assert np.allclose(determinant, np.linalg.det(A), rtol=1e-13)
         spd, E = jnp.asarray(A[0] @ A[0].T), jnp.asarray(rng(4).normal(size=(4, 4)))
         for f in (
-            lambda X: solving.slogdet(X)[1],
-            lambda X: solving.inverse(X)[1, 2],
-            lambda X: solving.solve(X, E)[0, 3],
+            lambda X: numerics.slogdet(X)[1],
+            lambda X: numerics.inverse(X)[1, 2],
+            lambda X: numerics.solve(X, E)[0, 3],
         ):
             slope = (f(spd + 1e-6 * E) - f(spd - 1e-6 * E)) / 2e-6
             assert jax.jvp(f, (spd,), (E,))[1] == pytest.approx(float(slope), rel=1e-7)
@@ -477,7 +477,7 @@ def test_a_run_names_the_step_at_which_the_branch_ends() -> None:
 def test_the_path_is_followed_where_newton_alone_goes_astray() -> None:
     """atan: Newton's method from 0 diverges beyond 1.39; tan(x) is on the branch."""
     with red.double():
-        root = jax.jit(lambda y: solving.find_root(lambda x, y: jnp.arctan(x) - y, 1, y))
+        root = jax.jit(lambda y: numerics.find_root(lambda x, y: jnp.arctan(x) - y, 1, y))
         for y in (0.3, 1.0, 1.4, 1.5):
             assert float(root(jnp.asarray([y]))[0]) == pytest.approx(np.tan(y), rel=1e-9)
         assert np.isnan(root(jnp.asarray([1.6])))
@@ -544,7 +544,7 @@ def test_the_symmetric_rule_is_the_variational_method() -> None:
 
 def test_derivatives_of_a_root_to_second_order() -> None:
     def root(y):
-        return solving.find_root(lambda x, y: jnp.arctan(x) - y, 1, jnp.reshape(y, 1))[0]
+        return numerics.find_root(lambda x, y: jnp.arctan(x) - y, 1, jnp.reshape(y, 1))[0]
 
     with red.double():
         first, second = (float(jax.jit(f)(jnp.asarray(1.4))) for f in (jax.grad(root), jax.grad(jax.grad(root))))

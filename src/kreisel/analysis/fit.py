@@ -257,7 +257,7 @@ def _predictions(
 ) -> Callable[[bytes], tuple[list[Array], list[Array]]]:
     """The variables of x (k,), and their Jacobians (..., k); compiled once for fits of the same kind, by `key`."""
     from kreisel.kernels import jax_numbers as by
-    from kreisel.reduction.double import double, jax
+    from kreisel.reduction.numerics import double, jax
 
     jnp = jax.numpy
     letters = model.system.space.letters
@@ -428,7 +428,7 @@ def _model_at(
     if attitude is None:
         return fitted, fitted_state, None
     from kreisel.kernels import jax_numbers as by
-    from kreisel.reduction.double import double
+    from kreisel.reduction.numerics import double
 
     with double():
         attitude = np.asarray(attitude_near(by, model, turn_coordinates(model, values[ATTITUDE]), attitude))

@@ -330,7 +330,7 @@ def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
 def _check_shapes(model: Model, variables: list[Variable], starts: Mapping[str, Array]) -> None:
     """Raises `InputError` for variables whose shapes differ from the model, and for observables that fail."""
     from kreisel.kernels import jax_numbers as by
-    from kreisel.reduction.double import double, jax
+    from kreisel.reduction.numerics import double, jax
     from kreisel.runs.differentiable import constants_of
 
     components = with_orientation(model, ORIENTATION in starts)

@@ -16,7 +16,7 @@ from kreisel.graph.invariants import recordable
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import InDoubles, gauss_newton, led, scales
 from kreisel.method.scheme import ORIENTATION, Flow, JaxSteps, Scheme
-from kreisel.reduction.double import double, jax
+from kreisel.reduction.numerics import double, jax
 
 jnp = jax.numpy
 lax = jax.lax

@@ -30,8 +30,8 @@ from kreisel.graph import graph as ops
 from kreisel.graph.graph import Graph, array_of, evaluated, integer_power
 from kreisel.kernels import adjoint
 from kreisel.kernels.adjoint import Code, Part
-from kreisel.reduction import solving
-from kreisel.reduction.double import jax, on_host, require_double
+from kreisel.reduction import numerics
+from kreisel.reduction.numerics import jax, on_host, require_double
 
 jnp = jax.numpy
 ad: Any = differentiation
@@ -105,7 +105,7 @@ def _looped(body: Callable[[Any], Sequence[Any]], start: Sequence[Any], small: f
         return lax.while_loop(going, once, (x, jnp.asarray(jnp.inf), 0))[0]
 
     def tangent(slope: Callable[[Any], Any], y: Any) -> Any:
-        return solving.solve(jax.jacfwd(slope)(jnp.zeros_like(y)), y[:, None])[:, 0]
+        return numerics.solve(jax.jacfwd(slope)(jnp.zeros_like(y)), y[:, None])[:, 0]
 
     x = lax.custom_root(lambda x: x - improved(x)[0], lax.stop_gradient(_stacked(start)), settled, tangent)
     return [*x, lax.stop_gradient(improved(lax.stop_gradient(x))[1])]
@@ -479,7 +479,7 @@ def half_turn(K: Any, dt: Any) -> Array:
         E = fraction @ (unit + E / k) if k < 9 else fraction
     for _ in range(8):
         E = 2 * E + E @ E
-    return solving.solve((E + 2 * unit).T, E.T).T
+    return numerics.solve((E + 2 * unit).T, E.T).T
 
 
 # -- orbits --------------------------------------------------------------------------------------------

@@ -140,7 +140,7 @@ def _by_kernels(subject: Subject) -> Pushed:
 
 def _by_jax(subject: Subject) -> Pushed:
     """By JAX: the step with its derivative along the vectors."""
-    from kreisel.reduction.double import double
+    from kreisel.reduction.numerics import double
 
     step, constants = _pushed_by_jax(subject.step), subject.floats
 
@@ -158,7 +158,7 @@ def _by_jax(subject: Subject) -> Pushed:
 @lru_cache(16)
 def _pushed_by_jax(step: Callable[..., Array]) -> Callable[..., tuple[Array, Array]]:
     """Steps from x (d,) with tangent vectors (k, d) along; the function is the same for one step: compiled once."""
-    from kreisel.reduction.double import jax
+    from kreisel.reduction.numerics import jax
 
     def moved(x: Array, vectors: Array, constants: dict[str, Array]) -> tuple[Array, Array]:
         def formula(y: Array) -> Array:

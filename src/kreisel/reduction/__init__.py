@@ -14,7 +14,6 @@ JAX computes in float64 inside `double()`; the user's settings remain unchanged.
 """
 
 from kreisel.record.contract import Frame, Parameter
-from kreisel.reduction.double import double
 from kreisel.reduction.equations import (
     Continuous,
     Discrete,
@@ -41,6 +40,7 @@ from kreisel.reduction.groups import (
     trivial,
     unit_sums,
 )
+from kreisel.reduction.numerics import double
 from kreisel.reduction.records import system
 
 __all__ = [name for name, value in globals().items() if name[0] != "_" and type(value).__name__ != "module"]

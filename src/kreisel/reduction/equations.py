@@ -31,9 +31,9 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.record.contract import Frame
-from kreisel.reduction import solving
-from kreisel.reduction.double import double, jax
+from kreisel.reduction import numerics
 from kreisel.reduction.groups import Group, Representation, random_element
+from kreisel.reduction.numerics import double, jax
 
 jnp = jax.numpy
 INVARIANT = 1e-8
@@ -58,7 +58,7 @@ class Continuous:
 
     def velocity(self, M: Array, P: Array) -> Array:
         """The x of Omega with grad_Omega L(Omega, P) = M, on the branch of Omega = 0; NaN if there is none."""
-        return solving.find_root(lambda x, M, P: self.momentum(x, P) - M, self.rep.group.dim, M, P)
+        return numerics.find_root(lambda x, M, P: self.momentum(x, P) - M, self.rep.group.dim, M, P)
 
     def energy(self, M: Array, P: Array) -> Array:
         """H = <M, Omega> - L."""
@@ -76,7 +76,7 @@ class Continuous:
         """The equations in (Omega, P): grad^2_Omega L Omega' = M' - (grad_P grad_Omega L) P'."""
         dM, dP = self.flow(self.momentum(x, P), P, x)
         inertia, coupling = jax.jacfwd(self.momentum, (0, 1))(x, P)
-        return solving.inverse(inertia) @ (dM - coupling @ dP), dP
+        return numerics.inverse(inertia) @ (dM - coupling @ dP), dP
 
 
 # -- discrete equations ----------------------------------------------------------------------------

@@ -35,8 +35,8 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
 from kreisel.record.calling import Portable
-from kreisel.reduction import solving
-from kreisel.reduction.double import double, jax
+from kreisel.reduction import numerics
+from kreisel.reduction.numerics import double, jax
 
 jnp = jax.numpy
 CLOSED, SAME = 1e-10, 1e-9
@@ -139,7 +139,7 @@ class Group:
 
     def inverse(self, g: Array) -> Array:
         """g^-1."""
-        return g.conj().T if self.unitary else solving.inverse(g)
+        return g.conj().T if self.unitary else numerics.inverse(g)
 
     @property
     def size(self) -> int:
@@ -183,7 +183,7 @@ class Group:
 
     def solved(self, off: Callable[..., Array], *args: Array) -> Array:
         """The W with off(W, *args) = 0 on the branch of W = I; NaN if there is none."""
-        return self.retract(solving.find_root(lambda x, *args: off(self.retract(x), *args), self.dim, *args))
+        return self.retract(numerics.find_root(lambda x, *args: off(self.retract(x), *args), self.dim, *args))
 
     def unretract(self, W: Array) -> Array:
         """The x with retract(x) = W: the coordinates of 2 (W + I)^-1 (W - I), or of log W by Newton's method."""
@@ -196,7 +196,7 @@ class Group:
         def off(x: Array, W: Array) -> Array:
             return self.coordinates(jax.scipy.linalg.expm(-self.matrix(x)) @ W - unit)
 
-        return solving.find_root(off, self.dim, W)
+        return numerics.find_root(off, self.dim, W)
 
     def ad_star(self, x: Array, M: Array) -> Array:
         """ad*_xi M in coordinates."""

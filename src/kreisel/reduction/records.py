@@ -15,9 +15,9 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.record.calling import Function, Portable, naming
 from kreisel.record.contract import Checks, Frame, Map, Parameter, PhaseSpace, System
-from kreisel.reduction.double import double, is_jax, jax, require_double
 from kreisel.reduction.equations import Continuous, Discrete, symmetric_rule
 from kreisel.reduction.groups import Group, Representation, quadratic_casimirs, standard
+from kreisel.reduction.numerics import double, is_jax, jax, require_double
 
 jnp = jax.numpy
 LONGEST = 512  # lanes at once: batches are padded to 1 or to this, so that few shapes are compiled

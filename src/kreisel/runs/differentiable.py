@@ -119,7 +119,7 @@ def differentiable(
         state: Mapping[str, Any], *, dt: Any, steps: int, every: int | None = None, time: Any = 0.0, **parameters: Any
     ) -> dict[str, Array]:
         from kreisel.kernels import jax_numbers as by
-        from kreisel.reduction.double import double, require_double
+        from kreisel.reduction.numerics import double, require_double
 
         count = _integer(by, steps, "steps", MOST_STEPS)
         between = count if every is None else _integer(by, every, "every", count)
@@ -444,7 +444,7 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
         state: Mapping[str, Any], *, dt: Any, steps: int, every: int | None = None, time: Any = 0.0, **others: Any
     ) -> dict[str, Array]:
         from kreisel.kernels import jax_numbers as by
-        from kreisel.reduction.double import double, require_double
+        from kreisel.reduction.numerics import double, require_double
 
         with double():
             require_double(dt, time)
@@ -487,7 +487,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
         raise InputError(f"tangent: expected rows with some steps of {record.dt:g} from first to last, got {steps:g}.")
     f = differentiable(model, method=record.method, order=record.order, orientation=ORIENTATION in run)
     from kreisel.kernels import jax_numbers as by
-    from kreisel.reduction.double import double, jax
+    from kreisel.reduction.numerics import double, jax
 
     jnp = jax.numpy
 

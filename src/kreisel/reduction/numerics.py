@@ -1,26 +1,45 @@
-"""Equations in JAX: linear algebra of small matrices without LAPACK, which `algebra` uses too, and Newton's method.
+"""JAX in float64, the one door to it; linear algebra of small matrices, which `algebra` uses too; Newton's method.
 
-JAX's call of LAPACK for a batch waits inside the pool of threads that is to do the work: two at once on two cores wait
-for good (jaxlib 0.10: LU factors of a batch in ParallelBatchMap, both threads in BlockingCounter::Wait).
+JAX computes in float32 unless set otherwise, for the entire process.  Kreisel does not change that setting: its
+computations run inside `double()`.  To differentiate or vectorise these functions, open the same door:
 
-Roots are those on the branch that starts at a known point: x = 0 is W = I, or Omega = 0.  An implicit map is
-multivalued; the branch with the continuous limit is followed.  The root of r(x) = (1 - s) r(0) is
-followed from x = 0 at s = 0 to s = 1, in one stretch if possible.  A stretch is accepted if Newton's method converged
-to the root next to its start: the distance is at most twice the first step, as in Kantorovich's theorem, and the
-determinant of the Jacobian has kept its sign.  Otherwise it is cut.  If the path reaches a fold there is no root
-on the branch, and x is NaN.  Derivatives of the root, of any order, come from the implicit function theorem.
+    with kreisel.reduction.double():
+        jax.grad(f)(x)
+
+Arrays that leave it stay float64.  Input of single precision is refused, not silently used.
+
+Linear algebra is without LAPACK.  JAX's call of LAPACK for a batch waits inside the pool of threads that is to do the
+work: two at once on two cores wait for good (jaxlib 0.10: LU factors of a batch in ParallelBatchMap, both threads in
+BlockingCounter::Wait).
+
+An implicit map is multivalued: Newton's method follows the branch with the continuous limit, which starts at x = 0,
+W = I or Omega = 0.  The root of r(x) = (1 - s) r(0) is followed from x = 0 at s = 0 to s = 1, in one stretch if
+possible.  A stretch is accepted if Newton's method converged to the root next to its start: the distance is at most
+twice the first step, as in Kantorovich's theorem, and the determinant of the Jacobian has kept its sign.  Otherwise it
+is cut.  If the path reaches a fold there is no root on the branch, and x is NaN.  Derivatives of the root, of any
+order, come from the implicit function theorem.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
+
+import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.backend import nearest_axes
-from kreisel.reduction.double import jax, on_host
+from kreisel.errors import InputError
+
+try:
+    import jax
+except ImportError as error:
+    raise InputError(
+        f"kreisel.reduction needs JAX, and {error.name} is missing. Install it with: pip install 'kreisel[reduction]'"
+    ) from error
 
 jnp = jax.numpy
 lax = jax.lax
@@ -31,6 +50,48 @@ SLACK = 1e-6  # a Newton step as short as this ends a stretch; the error after i
 MOST_ITERATIONS = 20
 SHORTEST = 1 / 1024  # of the path
 Residual = Callable[..., Array]
+Struct: Any = jax.ShapeDtypeStruct
+
+
+def double() -> AbstractContextManager[Any]:
+    """A context in which JAX computes in float64."""
+    return jax.enable_x64(True)
+
+
+def is_jax(*values: Any) -> bool:
+    """True if any value is a JAX array or tracer."""
+    return any(isinstance(v, jax.Array) for v in values)
+
+
+def require_double(*values: Any) -> None:
+    """Raise `InputError` if a value is a JAX array of single precision."""
+    for v in values:
+        if isinstance(v, jax.Array) and v.dtype in (jax.numpy.float32, jax.numpy.complex64):
+            raise InputError(
+                "expected float64, got a JAX array in float32. "
+                "Usual cause: jax.grad, jax.vmap or jax.numpy used outside; write `with kreisel.reduction.double():`."
+            )
+
+
+def on_host(function: Callable[..., Any], shapes: Any, *args: Any, **options: Any) -> Any:
+    """A function of trees of NumPy arrays in float64, as a function of JAX.
+
+    The bits are passed as integers: a thread of XLA may call it, in which JAX would convert floats to float32.
+    """
+
+    def host(*values: Any) -> Any:
+        out = function(*jax.tree.map(lambda v: np.array(v, order="C").view(np.float64)[..., 0], values))
+        return jax.tree.map(lambda v: np.ascontiguousarray(v, np.float64)[..., None].view(np.uint32), out)
+
+    def halves(v: Any) -> Any:
+        return jax.lax.bitcast_convert_type(jax.numpy.asarray(v, dtype=np.float64), np.uint32)
+
+    wanted = jax.tree.map(lambda v: Struct((*v.shape, 2), np.dtype(np.uint32)), shapes)
+    bits = jax.pure_callback(host, wanted, *jax.tree.map(halves, args), **options)
+    return jax.tree.map(lambda v: jax.lax.bitcast_convert_type(v, np.float64), bits)
+
+
+# -- linear algebra ----------------------------------------------------------------------------------
 
 
 def solve(A: Array, B: Array) -> Array:
