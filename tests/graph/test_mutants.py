@@ -392,7 +392,7 @@ MUTANTS = [
         f"else:\n                with f.loop(0, every):\n                    step()\n            {SAVED}",
         f"else:\n                {SAVED}\n                with f.loop(0, every):\n                    step()",
     ),
-    Mutant("close", STEPS + "_write", "range(1, len(splits))", "range(2, len(splits))"),
+    Mutant("close", STEPS + "pieces_of_step", "range(1, len(", "range(2, len("),
     Mutant(
         "weaving",
         STEPS + "_woven",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import reduce
 from typing import Any
 
@@ -42,6 +42,17 @@ def constant(kind: ir.Type, number: float) -> Value:
     return ir.Constant(kind, [number] * kind.count if isinstance(kind, ir.VectorType) else number)
 
 
+def _operator(operation: str, unit: int | None = None) -> Callable[[Integer, Any], Integer]:
+    """LLVM's operation on two integers; a second one that is `unit` changes nothing."""
+
+    def applied(self: Integer, operand: Any) -> Integer:
+        if isinstance(operand, int) and operand == unit:
+            return self
+        return Integer(self.builder, getattr(self.builder, operation)(self.value, integer_value(operand)))
+
+    return applied
+
+
 class Integer:
     """An integer of 64 bits at run time, with Python's operators; + - * and comparisons accept Python's integers
     too.
@@ -52,41 +63,14 @@ class Integer:
     def __init__(self, builder: ir.IRBuilder, value: Value):
         self.builder, self.value = builder, value
 
-    def _by(self, operation: str, operand: Any, reverse: bool = False) -> Integer:
-        x, y = self.value, integer_value(operand)
-        x, y = (y, x) if reverse else (x, y)
-        return Integer(self.builder, getattr(self.builder, operation)(x, y))
+    __add__ = __radd__ = _operator("add", unit=0)
+    __sub__ = _operator("sub")
+    __mul__ = __rmul__ = _operator("mul", unit=1)
+    __floordiv__, __mod__ = _operator("udiv"), _operator("urem")  # of values that are not negative
+    __lshift__, __rshift__ = _operator("shl"), _operator("lshr")  # with zeros from the left
 
-    def __add__(self, other: Any) -> Integer:
-        return self if isinstance(other, int) and other == 0 else self._by("add", other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Integer:
-        return self._by("sub", other)
-
-    def __rsub__(self, other: Any) -> Integer:
-        return self._by("sub", other, reverse=True)
-
-    def __mul__(self, other: Any) -> Integer:
-        return self if isinstance(other, int) and other == 1 else self._by("mul", other)
-
-    __rmul__ = __mul__
-
-    def __floordiv__(self, other: Any) -> Integer:
-        """The quotient of values that are not negative."""
-        return self._by("udiv", other)
-
-    def __mod__(self, other: Any) -> Integer:
-        """The remainder of values that are not negative."""
-        return self._by("urem", other)
-
-    def __lshift__(self, other: Any) -> Integer:
-        return self._by("shl", other)
-
-    def __rshift__(self, other: Any) -> Integer:
-        """With zeros from the left."""
-        return self._by("lshr", other)
+    def __rsub__(self, other: int) -> Integer:
+        return Integer(self.builder, INTEGER(other)) - self
 
     def compared(self, sign: str, operand: Any) -> Value:
         """A bit: whether self < other, or another sign."""
@@ -158,6 +142,19 @@ class Memory:
         """And back."""
         for i, value in enumerate(values):
             self[first + i] = value
+
+
+class Variables(list[Memory]):
+    """Room for values of a function, each separate."""
+
+    def get(self) -> list[Value]:
+        """The values."""
+        return [memory[0] for memory in self]
+
+    def put(self, values: Iterable[Any]) -> None:
+        """And back, which are as many."""
+        for memory, value in zip(self, values, strict=True):
+            memory[0] = value
 
 
 class Lanes:
@@ -241,10 +238,16 @@ class Function:
         """The integers of 64 bits at an address."""
         return Memory(self.builder, self.builder.inttoptr(address.value, INTEGER.as_pointer()), INTEGER)
 
-    def variables(self, count: int, kind: ir.Type = DOUBLE) -> list[Memory]:
+    def variables(self, count: int, kind: ir.Type = DOUBLE) -> Variables:
         """Room for values, each separate, in registers if that is possible; made once in a call."""
         with self.builder.goto_entry_block():
-            return [Memory(self.builder, self.builder.alloca(kind), kind) for _ in range(count)]
+            return Variables(Memory(self.builder, self.builder.alloca(kind), kind) for _ in range(count))
+
+    def variable(self, start: Any, kind: ir.Type = INTEGER) -> Memory:
+        """A variable and its first value."""
+        (memory,) = self.variables(1, kind)
+        memory[0] = start
+        return memory
 
     def room(self, count: int, kind: ir.Type = DOUBLE) -> Memory:
         """Memory for `count` values, made once in a call."""
@@ -270,8 +273,7 @@ class Function:
     def loop(self, first: Any, last: Any, step: int = 1) -> Iterator[Integer]:
         """A block for first, first + step, ... before `last`; step < 0 counts down."""
         builder = self.builder
-        (count,) = self.variables(1, INTEGER)
-        count[0] = first
+        count = self.variable(first)
         test, body, done = (builder.append_basic_block(name) for name in ("test", "body", "done"))
         builder.branch(test)
         builder.position_at_end(test)
@@ -447,15 +449,13 @@ class Function:
     def _branch(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:
         branch = graph.branches[operands[0]]
         memory = self.variables(len(branch.new), kind)
-        for room, x in zip(memory, operands[2:], strict=False):
-            room[0] = self.value(x, values, kind)
+        memory.put(self.value(x, values, kind) for x in operands[2 : 2 + len(memory)])
         somewhere = self.largest(self.value(operands[1], values, kind))
         with self.where(self.builder.fcmp_ordered(">", somewhere, DOUBLE(0.0))):
             inside = dict(values)
             self.emit(graph, graph.needed_inside(branch), inside, kind)
-            for room, x in zip(memory, branch.new, strict=True):
-                room[0] = self.value(x, inside, kind)
-        values[at] = [room[0] for room in memory]
+            memory.put(self.value(x, inside, kind) for x in branch.new)
+        values[at] = memory.get()
 
     def _any(self, bits: Value) -> Value:
         """Whether a bit of a vector is set."""
@@ -466,19 +466,14 @@ class Function:
         """Lanes of a vector end at different times: one that has ended keeps its values."""
         loop = graph.loops[operands[0]]
         memory = self.variables(len(loop.variables) + 1, kind)
-        for room, x in zip(memory, [*operands[1 : len(memory)], math.inf], strict=True):
-            room[0] = self.value(x, values, kind)
-        (ended,) = self.variables(1, INTEGER)
-        ended[0] = 0
-        (count,) = self.variables(1, INTEGER)
-        count[0] = 0
+        memory.put(self.value(x, values, kind) for x in [*operands[1 : len(memory)], math.inf])
+        ended, count = self.variable(0), self.variable(0)
 
         def test() -> Value:
             return self.builder.and_(ended[0].compared("==", 0), count[0].compared("<", loop.most))
 
         with self.while_(test):
-            inside = dict(values)
-            inside.update({x.at: room[0] for x, room in zip(loop.variables, memory, strict=False)})
+            inside = values | {x.at: room[0] for x, room in zip(loop.variables, memory, strict=False)}
             self.emit(graph, graph.needed_inside(loop), inside, kind)
             new = [self.value(x, inside, kind) for x in loop.new]
             if loop.small != ops.NEVER:
@@ -488,7 +483,6 @@ class Function:
                 left = self.builder.fcmp_unordered(">", new[-1], constant(kind, loop.small))
                 somewhere = self._any(left) if isinstance(kind, ir.VectorType) else left
                 ended[0] = Integer(self.builder, self.builder.zext(self.builder.not_(somewhere), INTEGER))
-            for room, x in zip(memory, new, strict=True):
-                room[0] = x
+            memory.put(new)
             count[0] = count[0] + 1
-        values[at] = [room[0] for room in memory]
+        values[at] = memory.get()

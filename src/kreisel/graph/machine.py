@@ -33,7 +33,7 @@ from platformdirs import user_cache_path
 
 import kreisel
 from kreisel.errors import InputError, shown
-from kreisel.graph.llvm import INDEX, Function, Memory, kind_of
+from kreisel.graph.llvm import DOUBLE, INDEX, Function, Memory, kind_of
 from kreisel.kernels.layout import Floats
 
 DOUBLES = {"avx512f": 8, "avx": 4}  # in a register, of processors with these features; 2 on others
@@ -308,11 +308,10 @@ class Chain:
         self._words, counts = np.array([*words, ctypes.addressof(self.total)]), [len(words) for words in calls]
 
         def write(f: Function) -> None:
-            place, memory, total = 0, f.integers(f.arguments[0]), f.variables(1)[0]
+            place, memory, total = 0, f.integers(f.arguments[0]), f.variable(0.0, DOUBLE)
             for count in counts:
                 f.call(*memory.get(count, place))
                 place += count
-            total[0] = 0.0
             for at in range(place, place + 2 * len(summed), 2):
                 numbers, size, blocks = f.doubles(memory[at]), memory[at + 1], f.integer(0)
                 if width:
@@ -347,8 +346,7 @@ class Chain:
 
 def _sum(f: Function, numbers: Memory, blocks: Any, width: int) -> Any:
     """The sum of vectors of numbers, and of the entries of that."""
-    total = f.variables(1, kind_of(width))[0]
-    total[0] = 0.0
+    total = f.variable(0.0, kind_of(width))
     with f.loop(0, blocks) as block:
         total[0] = f.builder.fadd(total[0], numbers.beyond(block * width).of(kind_of(width))[0])
     return reduce(f.builder.fadd, (f.builder.extract_element(total[0], INDEX(k)) for k in range(width)))

@@ -34,7 +34,8 @@ from kreisel.graph.graph import IN, Graph, Number, Operand, where_less
 from kreisel.graph.invariants import ADD, DIVIDE, MULTIPLY, OPERATIONS, SUBTRACT, Program, written_out
 from kreisel.graph.llvm import Function, Integer, Lanes, Memory, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel
-from kreisel.kernels.layout import Floats
+from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.method.scheme import Scheme
 
 EPS = float(np.finfo(np.float64).eps)
 TAU = 1e-6  # of a row of length 1: a row that depends less on the others is left unchanged
@@ -74,7 +75,10 @@ class Corrections:
              beyond them (lanes, invariants, 4)
     worst    the largest correction of each yet, as a distance in state space in units of eps_machine |z|
     bound    as `targets`, of the constraints between an orientation and the state
+    woven    whether the kernel of the steps calls the projection
     """
+
+    woven = False
 
     def __init__(self, labels: tuple[str, ...], every: int, lanes: int, bonds: int = 0):
         self.labels, self.every, self.done = labels, every, 0
@@ -139,6 +143,41 @@ class Corrections:
         for name in ("targets", "bound", "worst"):
             getattr(self, name)[:] = snapshot[name]
         self.done = int(snapshot["done"])
+
+
+class Projected:
+    """An engine whose state is projected between calls of `_advance(out, every, look)`, or by them."""
+
+    z: Floats
+    projection: Corrections | None = None
+
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        if self.projection is None or self.projection.woven:
+            self._advance(out, every, look)
+            if self.projection is not None:
+                self.projection.count(len(out) * every)
+        else:
+            self.projection.in_parts(out, every, lambda rows, steps: self._advance(rows, steps, look), self._project)
+
+    def _advance(self, out: Floats, every: int, look: Look) -> None:
+        raise NotImplementedError
+
+    def _project(self) -> Floats:
+        """The state, projected."""
+        if self.projection is not None:
+            self.projection.apply()
+        return self.z
+
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        return False
+
+    def snapshot(self) -> dict[str, Floats]:
+        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z[:] = snapshot["z"]
+        if self.projection:
+            self.projection.restore(snapshot)
 
 
 # -- the projection ------------------------------------------------------------------------------------
@@ -492,10 +531,17 @@ class CompiledProjection(Corrections):
     """
 
     def __init__(
-        self, programs: Sequence[Program], project: Kernel, every: int, z: Floats, constants: Floats, width: int
+        self,
+        programs: Sequence[Program],
+        project: Kernel,
+        every: int,
+        z: Floats,
+        constants: Floats,
+        width: int,
+        woven: bool = False,
     ):
         super().__init__(programs[0].labels, every, len(z), sum(len(program.outs) for program in programs[1:]))
-        self._z, self._compiled = z, project
+        self._z, self._compiled, self.woven = z, project, woven
         self._room = LINE // 8 + (0 if written_out(programs) else width * max(program.rows for program in programs))
         self._held: list[np.ndarray] = []  # as long as their addresses are used
         self._rooms: dict[int, int] = {}

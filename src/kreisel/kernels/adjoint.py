@@ -16,7 +16,7 @@ from kreisel import algebra
 from kreisel.algebra.reuse import cached_property
 from kreisel.graph.arranging import arranged, independent, latest, pulled, pushed
 from kreisel.graph.graph import APPLIED, BRANCH, Graph, Number, Operand, array_of, evaluated, where_less
-from kreisel.graph.llvm import DOUBLE, Function, Integer, Memory, Value, kind_of
+from kreisel.graph.llvm import DOUBLE, Function, Integer, Value, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.graph.recording import as_operands
 from kreisel.kernels.layout import Floats, on_threads
@@ -130,14 +130,14 @@ class Code:
         d, constants, of_stage = self.sizes
         motion, per_step = _Motion(f, self, *start), start[3] + (len(self._parts) - 1)
         slopes = f.variables(d + constants * wide)
-        _put(slopes, f.doubles(g).get(d) + (f.doubles(gc).get(constants) if wide else []))
+        slopes.put(f.doubles(g).get(d) + (f.doubles(gc).get(constants) if wide else []))
         states, slopes_of_stages = f.doubles(path), f.doubles(gs)
 
         def back(k: int, stage: Integer) -> None:
             motion.state = states.get(d, (step * per_step + stage) * d)
-            w, of_this = _get(slopes), slopes_of_stages.beyond(stage * of_stage)
+            w, of_this = slopes.get(), slopes_of_stages.beyond(stage * of_stage)
             new = motion.outputs(derivatives[k], stage, w=w[:d], h=w[d:], q=of_this)
-            _put(slopes, new[: len(slopes)])
+            slopes.put(new[: len(slopes)])
             of_this.put(new[len(slopes) :])
 
         def forth(k: int, stage: Integer) -> None:
@@ -151,8 +151,8 @@ class Code:
                 motion.through(forth)
             with f.loop(steps - 1, -1, -1) as step:
                 motion.through(back, reverse=True)
-        f.doubles(g).put(_get(slopes[:d]))
-        f.doubles(gc).put(_get(slopes[d:]))
+        f.doubles(g).put(slopes.get()[:d])
+        f.doubles(gc).put(slopes.get()[d:])
 
     def _slopes(self, part: Part, wide: bool) -> tuple[Graph, list[Operand]]:
         """Slopes by z; if `wide` also by c and s, added to h and q."""
@@ -258,11 +258,11 @@ class _Motion:
     @property
     def state(self) -> list[Value]:
         """The entries of z."""
-        return _get(self._room)
+        return self._room.get()
 
     @state.setter
     def state(self, values: Sequence[Value]) -> None:
-        _put(self._room, values)
+        self._room.put(values)
 
     def inputs(self, stage: Integer, **vectors: Any) -> Callable[[str, int], Value]:
         """The entries of each letter."""
@@ -289,15 +289,6 @@ class _Motion:
             write(0, stage)
         if closes and not reverse:
             write(1, self._stages)
-
-
-def _get(rooms: Sequence[Memory]) -> list[Value]:
-    return [room[0] for room in rooms]
-
-
-def _put(rooms: Sequence[Memory], values: Sequence[Value]) -> None:
-    for room, value in zip(rooms, values, strict=True):
-        room[0] = value
 
 
 def _columns(v: Floats, width: int) -> Floats:

@@ -30,7 +30,7 @@ from kreisel.graph.recording import (
     special_constants,
 )
 from kreisel.kernels.cpu import SteppedEngine, projection_between
-from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.layout import Floats, Look
 from kreisel.kernels.steps import Constants, Split
 from kreisel.method.scheme import Coupling, Scheme, too_large_to_couple
 
@@ -68,19 +68,8 @@ class CoupledEngine(SteppedEngine):
         pull = Pull.of(scheme, {"c": self.columns, "s": self.stage_columns, "p": pair_columns})
         return *compiled_together(record, pull, *self.stages.shape[:2]), record.work
 
-    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
-        if self.projection is None:
-            self._advance(out, every)
-        else:
-            self.projection.in_parts(out, every, self._advance, self._project)
-
-    def _advance(self, out: Floats, every: int) -> None:
+    def _advance(self, out: Floats, every: int, look: Look) -> None:
         self.kernel(self._frame.ctypes.data, address_of(out), len(out), every)
-
-    def _project(self) -> Floats:
-        if self.projection is not None:
-            self.projection.apply()
-        return self.z
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         if not isinstance(self.projection, CompiledProjection | None) or self.scheme.basis:

@@ -23,7 +23,7 @@ from kreisel.graph.graph import Graph, Operand, TooLong, depending, where_less
 from kreisel.graph.invariants import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
 from kreisel.graph.llvm import Function, Lanes, kind_of
 from kreisel.graph.machine import Kernel, Link, address_of, kernel, register_width
-from kreisel.graph.project import ALONE, WIDE, CompiledProjection, Corrections, compiled, interval
+from kreisel.graph.project import ALONE, WIDE, CompiledProjection, Corrections, Projected, compiled, interval
 from kreisel.graph.recording import (
     Recording,
     count_of,
@@ -102,13 +102,11 @@ def _programs(scheme: Scheme, columns: Mapping[str, slice]) -> list[Program] | N
     return [program for program in programs if program is not None]
 
 
-class SteppedEngine:
+class SteppedEngine(Projected):
     """Rows of state `z` (lanes, d), the constants of a scheme and of its stages as rows, and a projection or None.
 
     Kernels have the addresses of the arrays: their scalars may be changed, and no other array replaces them.
     """
-
-    projection: Corrections | None = None
 
     def __init__(self, scheme: Scheme, z0: Floats):
         self.scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
@@ -134,14 +132,6 @@ class SteppedEngine:
         self.z[:] = z
         return True
 
-    def snapshot(self) -> dict[str, Floats]:
-        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
-
-    def restore(self, snapshot: Mapping[str, Floats]) -> None:
-        self.z[:] = snapshot["z"]
-        if self.projection:
-            self.projection.restore(snapshot)
-
 
 def _changed(new: Mapping[str, Array], old: Mapping[str, Array]) -> dict[str, Array]:
     return {name: value for name, value in new.items() if value is not old[name]}
@@ -156,8 +146,7 @@ class CpuEngine(SteppedEngine):
 
     def __init__(self, scheme: Scheme, z0: Floats, large: LargeForm | None = None, project: bool = False):
         super().__init__(scheme, z0)
-        self._woven: CompiledProjection | None = None  # the projection, where the kernel calls it
-        self._between: Corrections | None = None  # where it does not
+        self._woven: CompiledProjection | None = None  # the projection, if the kernel calls it
         if large is not None:
             code = self._large(large)
         else:
@@ -167,10 +156,10 @@ class CpuEngine(SteppedEngine):
         if code.programs:
             every = interval(code.cost, self.work_of_step, scheme.between)
             parts = [*code.programs], code.project, every, self.z, self.constants, code.width
-            self.projection = self._woven = CompiledProjection(*parts)
+            self.projection = self._woven = CompiledProjection(*parts, woven=True)
         elif project and not code.tried:
-            self._between = recordable(lambda: projection_between(self, self.work_of_step, arrays_only=large is None))
-            self.projection = self._between
+            arrays_only = large is None
+            self.projection = recordable(lambda: projection_between(self, self.work_of_step, arrays_only))
 
     @property
     def work_of_step(self) -> int:
@@ -186,18 +175,10 @@ class CpuEngine(SteppedEngine):
 
         return reused(None if self.scheme.kernel_key is None else (Code, self.scheme.kernel_key), make)
 
-    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
-        if self._between is not None:
-            self._between.in_parts(out, every, lambda rows, steps: self._advance(rows, steps, look), self._project)
-        else:
-            self._advance(out, every, look)
-            if self._woven is not None:
-                self._woven.count(len(out) * every)
-
     def _project(self) -> Floats:
-        if self._between is not None:
-            self._between.apply()
-            projection.orthogonal(self.scheme, self.z)
+        if self.projection is not None:
+            self.projection.apply()
+        projection.orthogonal(self.scheme, self.z)
         return self.z
 
     def _frame(self, first: int) -> int:
@@ -241,7 +222,7 @@ class CpuEngine(SteppedEngine):
         return min(spent)
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        if self._between is not None or not self.adopts(scheme, z):
+        if self.projection is not self._woven or not self.adopts(scheme, z):
             return False
         if self._woven is not None:
             self._woven.begin(steps)

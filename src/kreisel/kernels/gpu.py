@@ -26,10 +26,10 @@ from kreisel.graph.graph import TRANSCENDENTAL, TooLong
 from kreisel.graph.invariants import Program, program_of, program_of_orientation, recordable
 from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Memory, Value
 from kreisel.graph.machine import optimized
-from kreisel.graph.project import GAIN, Corrections, in_loops, interval
+from kreisel.graph.project import GAIN, Corrections, Projected, in_loops, interval
 from kreisel.graph.recording import Recording, flat_constants, flat_stages
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.steps import Split
+from kreisel.kernels.steps import Split, pieces_of_step
 from kreisel.method.scheme import Scheme
 
 TRIPLE = "nvptx64-nvidia-cuda"
@@ -202,8 +202,7 @@ def steps_of_a_lane(record: Recording, precision: str) -> Body:
         rows, every, stages, lanes = arguments[4:]
         z, c, s, out = (Column(f.doubles(address).of(kind), lane, lanes) for address in arguments[:4])
         state = f.variables(count, kind)
-        for i, memory in enumerate(state):
-            memory[0] = z[i]
+        state.put(z[i] for i in range(count))
         fixed: list[dict[int, Any]] = [{} for _ in splits]
         for split, values in zip(splits, fixed, strict=True):
             split.values(f, split.fixed, {"c": c, "s": s}, kind, values)
@@ -211,19 +210,12 @@ def steps_of_a_lane(record: Recording, precision: str) -> Body:
         def piece(number: int, stage: Any) -> None:
             split, values = splits[number], dict(fixed[number])
             split.values(f, split.of_stage, {"c": c, "s": s.beyond(stage * record.count("s"))}, kind, values)
-            (new,) = split.outputs(f, [(values, [memory[0] for memory in state])], kind, overlap=False)
-            for memory, x in zip(state, new, strict=True):
-                memory[0] = x
+            (new,) = split.outputs(f, [(values, state.get())], kind, overlap=False)
+            state.put(new)
 
         with f.loop(0, rows) as row:
             with f.loop(0, every):
-                if record.stages:
-                    with f.loop(0, stages) as stage:
-                        piece(0, stage)
-                else:
-                    piece(0, 0)
-                for number in range(1, len(splits)):
-                    piece(number, 0)
+                pieces_of_step(f, record, stages, piece)
             saved = out.beyond(row * count)
             for i, memory in enumerate(state):
                 saved[i] = memory[0]
@@ -308,7 +300,7 @@ class GpuProjection(Corrections):
         self.done = int(snapshot["done"])
 
 
-class GpuEngine:
+class GpuEngine(Projected):
     """The step on a GPU; `advance` as in `kreisel.kernels.cpu.CpuEngine`.  One number of all lanes lies in one row.
 
     float32 is not projected: its rounding errors are far larger.
@@ -331,7 +323,6 @@ class GpuEngine:
         except TooLong:
             program = None
         also = program_of_orientation(scheme) if program else None
-        self.projection: GpuProjection | None = None
         if program is not None and len(self.z):
             cost = program.cost + (also.cost if also else 0)
             every = interval(cost, record.work * scheme.stage_count, scheme.between)
@@ -344,30 +335,18 @@ class GpuEngine:
         if not len(self.z):
             return
         rows = self._device.empty((len(out), *self.z.shape[::-1]), self._real)
-        if self.projection is None:
-            self._advance(rows, every)
-        else:
-            self.projection.in_parts(rows, every, self._advance, self._project)
+        super().advance(rows, every, look)
         out[:] = self._device.host(rows.transpose(0, 2, 1))
         self.z[:] = out[-1]
 
     def _project(self) -> Any:
-        if self.projection is not None:
-            self.projection.apply()
+        super()._project()
         return self._state
 
-    def _advance(self, rows: Any, every: int) -> None:
+    def _advance(self, rows: Any, every: int, look: Look) -> None:
         arrays = self._state, self._constants, self._stages, rows
         self._device.launch(self._kernel, len(self.z), *arrays, len(rows), every, self._stage_count)
 
-    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        return False
-
-    def snapshot(self) -> dict[str, Floats]:
-        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
-
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
-        self.z[:] = snapshot["z"]
+        super().restore(snapshot)
         self._device.fill(self._state, self.z.T)
-        if self.projection:
-            self.projection.restore(snapshot)

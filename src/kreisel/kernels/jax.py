@@ -13,7 +13,8 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.errors import RunError
 from kreisel.graph.invariants import recordable
-from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.graph.project import Projected
+from kreisel.kernels.layout import Floats, Look
 from kreisel.kernels.projection import InDoubles, gauss_newton, led, scales
 from kreisel.method.scheme import ORIENTATION, Flow, JaxSteps, Scheme
 from kreisel.reduction.numerics import double, jax
@@ -95,13 +96,11 @@ class JaxProjection(InDoubles):
 
     def __init__(self, scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]):
         self._family, self._correct = _projection(scheme, constants, lanes)
-        self._constants = constants
+        self._z, self._constants = z, constants
         self._begin(z, EVERY)
         if self.labels:
             with double():
-                jax.eval_shape(
-                    self._correct, z, constants, self.targets, self.worst
-                )  # operations without a derivative fail here
+                jax.eval_shape(self._correct, z, constants, self.targets, self.worst)  # fails without a derivative
 
     def _values(self, z: Floats) -> dict[str, Floats]:
         with double():
@@ -128,7 +127,7 @@ def steps_of(scheme: Scheme) -> JaxSteps:
     return scheme.motion
 
 
-class JaxEngine:
+class JaxEngine(Projected):
     """A step of JAX in a compiled loop.  A lane whose step gives NaN stays where it was, and its step is named."""
 
     def __init__(self, scheme: Scheme, z0: Floats, dt: float, project: bool = False):
@@ -141,17 +140,6 @@ class JaxEngine:
         self._loop = _compiled_loop(self._steps.step, tuple(self._kinds), scheme.n, frozenset(self._constants), lanes)
         self.projection = _projected(scheme, self.z, self._constants, lanes) if project else None
 
-    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
-        if self.projection is None:
-            self._advance(out, every, look)
-        else:
-            self.projection.in_parts(out, every, lambda rows, steps: self._advance(rows, steps, look), self._project)
-
-    def _project(self) -> Floats:
-        if self.projection is not None:
-            self.z = self.projection.applied(self.z)
-        return self.z
-
     def _advance(self, out: Floats, every: int, look: Look) -> None:
         for start in range(0, len(out), ROWS):
             look()
@@ -159,22 +147,17 @@ class JaxEngine:
             with double():
                 filled, z, alive, count = map(np.asarray, self._loop(self.z, self._constants, rows, every))
             out[start : start + rows] = filled[:rows]
-            self.z = z.copy()
+            self.z[:] = z
             if not alive.all():
                 self._fail(int(np.argmin(alive)), int(count[np.argmin(alive)]), len(alive))
             self._done += rows * every
 
-    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        return False
-
     def snapshot(self) -> dict[str, Floats]:
-        steps = np.asarray(self._done, dtype=np.float64)
-        return {"z": self.z, "steps": steps, **(self.projection.snapshot() if self.projection else {})}
+        return {"steps": np.asarray(self._done, dtype=np.float64), **super().snapshot()}
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
-        self.z, self._done = np.array(snapshot["z"]), int(snapshot["steps"])
-        if self.projection:
-            self.projection.restore(snapshot)
+        super().restore(snapshot)
+        self._done = int(snapshot["steps"])
 
     def _fail(self, lane: int, count: int, lanes: int) -> None:
         step = self._done + count + 1

@@ -59,6 +59,8 @@ def led(lack: Array, lead: Array, unit: Array, worst: Array) -> tuple[Array, Arr
 class InDoubles(Corrections):
     """The projection of rows z (lanes, d), corrected one after the other or together by `_corrected`."""
 
+    _z: Floats
+
     def _values(self, z: Floats) -> Mapping[str, Floats]:
         """The families of invariants that are projected, (lanes, members) each."""
         raise NotImplementedError
@@ -91,10 +93,10 @@ class InDoubles(Corrections):
             size = largest(size, (at(z + close) + at(z - close) - 2 * values) / EPS)
         self.targets[..., 0], self.targets[..., 2] = values, size
 
-    def applied(self, z: Floats) -> Floats:
-        """The projected rows; as they were where they could not be."""
-        new, self.worst, self.targets[..., 3] = self._corrected(z)
-        return np.where(np.isfinite(new).all(-1, keepdims=True), new, z)
+    def apply(self) -> None:
+        """Project the state, in place; rows that cannot be projected are unchanged."""
+        new, self.worst, self.targets[..., 3] = self._corrected(self._z)
+        self._z[:] = np.where(np.isfinite(new).all(-1, keepdims=True), new, self._z)
 
     def peek(self, z: Floats) -> Floats:
         # Where nothing was projected yet a short run need not wait for it: `kr.drift` sees what changed.
@@ -217,10 +219,6 @@ class ArrayProjection(InDoubles):
                         worst[lane], lead[lane] = led(lack, np.where(finite, lead[lane], 0), unit, worst[lane])
                     row[:d] = gauss_newton(row[:d], J, lack + lead[lane], scale)
         return new, worst, lead
-
-    def apply(self) -> None:
-        """Project the state, in place."""
-        self._z[:] = self.applied(self._z)
 
 
 def _outer_products(a: Floats, b: Floats) -> Floats:

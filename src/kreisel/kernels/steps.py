@@ -193,13 +193,12 @@ def _write(
     width, vectors, together = widths
     words = dict(zip(FRAME, f.integers(frame).get(len(FRAME)), strict=True))
     z, c, s, room = (f.doubles(words[name]) for name in FRAME[:4])
-    states, saved, count = f.variables(vectors * record.state, kind_of(width)), f.doubles(out), record.state
-    kept, kind = Constants.count(splits), kind_of(width)
+    saved, count, kept, kind = f.doubles(out), record.state, Constants.count(splits), kind_of(width)
+    state = [f.variables(count, kind) for _ in range(vectors)]
     stages = words["stages"] if record.stages else f.integer(1)
     f.vectors(width)
     with f.loop(first, last, vectors * width) as lane:
         lanes = [f.lanes(lane + k * width, width, last) for k in range(vectors)]
-        state = [states[k * count : (k + 1) * count] for k in range(vectors)]
         constants = [
             Constants(f, record, splits, kind, room.beyond(k * width * kept), vectors * kept) for k in range(vectors)
         ]
@@ -207,33 +206,23 @@ def _write(
             of_vector.begin(c, s, at, stages)
 
         def load() -> None:
-            for k in range(vectors):
-                for memory, x in zip(state[k], Lanes(z, lanes[k], count).get(range(count)), strict=True):
-                    memory[0] = x
+            for of_vector, at in zip(state, lanes, strict=True):
+                of_vector.put(Lanes(z, at, count).get(range(count)))
 
         def store(rows: Memory) -> None:
-            for k in range(vectors):
-                Lanes(rows, lanes[k], count).put([memory[0] for memory in state[k]])
+            for of_vector, at in zip(state, lanes, strict=True):
+                Lanes(rows, at, count).put(of_vector.get())
 
         def piece(number: int, stage: Any) -> None:
-            old = [(constants[k].at(number, stage), [memory[0] for memory in state[k]]) for k in range(vectors)]
-            after = splits[number].outputs(f, old, kind, overlap, together)
-            for memories, new in zip(state, after, strict=True):
-                for memory, x in zip(memories, new, strict=True):
-                    memory[0] = x
+            old = [(constants[k].at(number, stage), state[k].get()) for k in range(vectors)]
+            for of_vector, new in zip(state, splits[number].outputs(f, old, kind, overlap, together), strict=True):
+                of_vector.put(new)
 
         def step() -> None:
-            if record.stages:
-                with f.loop(0, stages) as stage:
-                    piece(0, stage)
-            else:
-                piece(0, 0)
-            for number in range(1, len(splits)):
-                piece(number, 0)
+            pieces_of_step(f, record, stages, piece)
 
         load()
-        (done,) = f.variables(1, ir.IntType(64))
-        done[0] = begun
+        done = f.variable(begun)
         with f.loop(0, rows) as row:
             if projected:
                 end = lane + (last - lane).least(vectors * width)
@@ -243,6 +232,17 @@ def _write(
                     step()
             store(saved.beyond(row * words["lanes"] * count))
         store(z)
+
+
+def pieces_of_step(f: Function, record: Recording, stages: Any, piece: Callable[[int, Any], None]) -> None:
+    """Write the pieces of a step by `piece(number, stage)`: the first one for each stage."""
+    if record.stages:
+        with f.loop(0, stages) as stage:
+            piece(0, stage)
+    else:
+        piece(0, 0)
+    for number in range(1, len(record.pieces)):
+        piece(number, 0)
 
 
 def _woven(
@@ -257,8 +257,7 @@ def _woven(
     end: Any,
 ) -> None:
     """`every` steps, and a projection of the lanes from `lane` to `end` whenever `interval` of them are done."""
-    (left,) = f.variables(1, ir.IntType(64))
-    left[0] = every
+    left = f.variable(every)
     with f.while_(lambda: left[0].compared(">", 0)):
         steps = left[0].least(words["interval"] - done[0])
         with f.loop(0, steps):

@@ -376,8 +376,7 @@ class _Rows:
         """The places of the rows, up to one that is not known."""
         f, places = self._f, self._words["places"]
         half, shift = f.integer(1) << (63 - places), 64 - places
-        (row,) = f.variables(1, INTEGER)
-        row[0] = 0
+        row = f.variable(0)
 
         def unfinished() -> Value:
             return f.builder.and_(row[0].compared("<", count[0]), stopped[0].compared("==", 0))

@@ -21,7 +21,7 @@ from kreisel.exact.nutation import Integrals, darboux
 from kreisel.graph.arranging import Formula
 from kreisel.graph.double import DoubleDouble
 from kreisel.graph.graph import Graph, Operand, array_of, nearest, where_less
-from kreisel.graph.llvm import DOUBLE, Function, Integer, Lanes, Value
+from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Lanes, Value
 from kreisel.graph.machine import Kernel, Link, address_of, kernel, register_width
 from kreisel.graph.recording import as_operands, count_of, flat_constants
 from kreisel.kernels.exact.motions import leap, of_turns, rotated
@@ -212,8 +212,7 @@ def _write_maps(f: Function, rows: Rows, start: Recorded, mapped: Formula, finis
     rows.errors[0] = error
     (*p, eps, r), last = values[count : count + 5], values[count + 5 :]
     memory = f.variables(count, kind)
-    for room, x in zip(memory, values[:count], strict=True):
-        room[0] = x
+    memory.put(values[:count])
     graph = Graph()
     inputs = graph.inputs("x", count + 7)
     number, maps_of_lane, eps_of_lane = inputs[-1], inputs[-3], inputs[-2]
@@ -221,17 +220,14 @@ def _write_maps(f: Function, rows: Rows, start: Recorded, mapped: Formula, finis
     new = as_operands(mapped(inputs[: count + 3], step, inputs[count + 3]))
     # D_0 leaves m and b, but makes a quaternion of length 1 again: the maps of its neighbours would change its bits
     new[6:] = [where_less(number, maps_of_lane, x, before) for x, before in zip(new[6:], inputs[6:count], strict=True)]
-    (most,) = f.variables(1, f.arguments[0].value.type)  # the largest of the counts, at most MOST
-    most[0], largest = MOST, f.largest(maps)
+    most, largest = f.variable(MOST), f.largest(maps)  # of the counts, at most MOST
     with f.where(f.builder.fcmp_ordered("<", largest, DOUBLE(float(MOST)))):
-        most[0] = Integer(f.builder, f.builder.fptosi(largest, f.arguments[0].value.type))
+        most[0] = Integer(f.builder, f.builder.fptosi(largest, INTEGER))
     with f.loop(0, most[0]) as k:
-        state = [room[0] for room in memory]
-        operands = [*state, *p, r, maps, eps, f.spread(k.double(), kind)]
-        for room, x in zip(memory, f.outputs(graph, new, lambda _, i: operands[i], kind), strict=True):
-            room[0] = x
+        operands = [*memory.get(), *p, r, maps, eps, f.spread(k.double(), kind)]
+        memory.put(f.outputs(graph, new, lambda _, i: operands[i], kind))
     graph = Graph()
-    arguments = [*(room[0] for room in memory), *last]
+    arguments = [*memory.get(), *last]
     rows.new.put(f.outputs(graph, finish(graph.inputs("x", count + 5)), lambda _, i: arguments[i], kind))
 
 

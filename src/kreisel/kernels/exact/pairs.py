@@ -498,8 +498,7 @@ def stages(numbers: Floats, counts: Floats) -> Floats:
 def _stages(most: int) -> Kernel:
     def write(f: Function) -> None:
         (numbers, counts, out), (shares, lanes, stages, size, exact) = map(f.doubles, f.arguments[:3]), f.arguments[3:]
-        (needed,) = f.variables(1)
-        needed[0] = 1.0
+        needed = f.variable(1.0, DOUBLE)
         with f.loop(0, lanes) as lane:
             verdict, count, copies = counts.get(3, lane * size)
             product = f.builder.fmul(count, copies)

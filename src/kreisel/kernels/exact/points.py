@@ -330,15 +330,13 @@ class _Choosing(Writing):
         with f.loop(0, self.of.rows) as row:
             origin, side, low, high = rows.get(4, row * 4)
             with f.where(self.is_less(self.value(0.0), low)):
-                e, ratio = f.variables(2)
-                e[0] = low
-                share = self.value(1 / (self.of.tried - 1))
-                ratio[0] = f.intrinsic("exp", self.times(f.intrinsic("log", self.over(high, low)), share))
+                e, share = f.variable(low, DOUBLE), self.value(1 / (self.of.tried - 1))
+                ratio = f.intrinsic("exp", self.times(f.intrinsic("log", self.over(high, low)), share))
                 with f.loop(0, self.of.tried, WIDTH) as k:
                     poles = []
                     for _ in range(WIDTH):
                         poles.append(e[0])
-                        e[0] = self.times(e[0], ratio[0])
+                        e[0] = self.times(e[0], ratio)
                     y = [self.plus(origin, self.times(side, pole)) for pole in poles]
                     several.put(y)
                     *mu, use = self.piece(self.of.spectrum, several.of(self.kind)[0])
@@ -351,9 +349,8 @@ class _Choosing(Writing):
 
     def find_candidates(self) -> None:
         f, of, d, memory = self.f, self.of, self.d, self.memory["v"]
-        step, at = (self.count[0] + of.rows * HEIGHTS - 1) // (of.rows * HEIGHTS), f.variables(1, INTEGER)[0]
+        step, at = (self.count[0] + of.rows * HEIGHTS - 1) // (of.rows * HEIGHTS), f.variable(0)
         size, w = 2 + 4 * of.width + d, 2 * of.width
-        at[0] = 0
         with f.while_(lambda: at[0].compared("<", self.count[0])):
             heights = [(at[0] + step * i).least(self.count[0] - 1) for i in range(WIDTH)]
             rows = Lanes(self.list, heights, 2 + of.levels)
@@ -361,8 +358,7 @@ class _Choosing(Writing):
             with f.loop(0, of.levels) as k:
                 self.branches.put(self.piece(of.level, y, pole, rows[k + 2]), k * size)
             with f.loop(0, of.used) as k:
-                (radius,) = f.variables(1, self.kind)
-                radius[0] = self.times(pole, pole)
+                radius = f.variable(self.times(pole, pole), self.kind)
                 first = k * size
                 memory.put(self.branches.get(w, first + 2))
                 memory.put(self.branches.get(w, first + 2 + w), w)
@@ -395,11 +391,10 @@ class _Choosing(Writing):
     def solve(self) -> None:
         """The basis of the tableau: its candidates, by rows."""
         f, of, d, is_less = self.f, self.of, self.d, self.is_less
-        rank, going, steps, row, column = f.variables(5, INTEGER)
-        first, last, best, sign, reach = f.variables(5)
-        rank[0] = steps[0] = 0
-        going[0] = 1
-        first[0] = last[0] = 0.0
+        row, column = f.variables(2, INTEGER)
+        best, sign, reach = f.variables(3)
+        rank, going, steps = (f.variable(x) for x in (0, 1, 0))
+        first, last = f.variable(0.0, DOUBLE), f.variable(0.0, DOUBLE)
         with f.loop(0, d) as i:
             self.basis[i], self.signs[i] = -1, 0.0
         width, candidates = of.columns, self.candidates[0]
@@ -425,9 +420,8 @@ class _Choosing(Writing):
                         x = self.table[i * width]
                         value = f.builder.select(is_less(x, self.value(0.0)), self.value(-1.0), self.value(1.0))
                         self.signs[i] = f.builder.select(self.basis[i].compared("<", 0), self.value(0.0), value)
-                    (price,) = f.variables(1)
                     with f.loop(0, candidates) as j:
-                        price[0] = 0.0
+                        price = f.variable(0.0, DOUBLE)
                         with f.loop(0, d) as i:
                             product = self.times(self.signs[i], self.table[i * width + j + (1 + d)])
                             price[0] = self.plus(price[0], product)
@@ -469,8 +463,7 @@ class _Choosing(Writing):
 
     def put_points(self) -> None:
         f, out, d, most = self.f, self.out, self.d, self.of.most
-        (off,), (count,) = f.variables(1), f.variables(1, INTEGER)
-        off[0], count[0] = 0.0, 0
+        off, count = f.variable(0.0, DOUBLE), f.variable(0)
         moving = self.is_less(self.value(0.0), out[self.at("size")])
         with f.loop(0, d) as i:
             begin = i * self.of.columns

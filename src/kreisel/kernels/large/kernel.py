@@ -69,9 +69,7 @@ class Sum:
     """A sum of vectors and of scalars, which begins if it is made."""
 
     def __init__(self, f: Function):
-        self._f, self._parts = f, [*f.variables(1, VECTOR), *f.variables(1)]
-        for register in self._parts:
-            register[0] = 0.0
+        self._f, self._parts = f, [f.variable(0.0, VECTOR), f.variable(0.0, DOUBLE)]
 
     def add(self, x: Value) -> None:
         register = self._parts[0 if isinstance(x.type, ir.VectorType) else 1]
@@ -273,8 +271,7 @@ class _Lane:
         piece, f, values = self.pieces[number], self.f, self.values[number].copy()
         graph, nodes = piece.graph, piece.nodes
         again = f.builder.append_basic_block("again")
-        (attempt,) = f.variables(1, INTEGER)
-        attempt[0] = 0
+        attempt = f.variable(0)
         f.builder.branch(again)
         f.builder.position_at_end(again)
         of_stage = {name: s[at.start] for name, at in self.place.items() if name[0] == "s"}
@@ -366,8 +363,7 @@ class _Lane:
         """
         f, h, changes, momentum = self.f, self.h, self.waiting[name] if changed else [], name == MOMENTUM
         matrix, builder = self._matrix(name), self.f.builder
-        (place,) = f.variables(1, INTEGER)
-        place[0] = 0
+        place = f.variable(0)
         for _, y in plain if momentum else turned:
             self.fill(y, None)
         with f.loop(0, h - 1 if momentum else h) as i:
@@ -411,8 +407,7 @@ class _Lane:
         """
         f, h, builder, M, W = self.f, self.h, self.f.builder, self._matrix(MOMENTUM), self._matrix(k)
         D, theta = solve.diagonal, f.value(solve.turn, constants.numbers, DOUBLE)
-        (place,) = f.variables(1, INTEGER)
-        place[0] = 0
+        place = f.variable(0)
         with f.loop(0, h) as i:
             entries = {at: row[i] for at, row in constants.rows.items() if isinstance(D, Number) and D.at == at}
             W[i * h + i] = f.value(D, constants.numbers | entries, DOUBLE)
