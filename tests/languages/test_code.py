@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from compilers import run, syntax_errors
@@ -147,6 +148,28 @@ def test_a_body_with_its_forces(name: str, tmp_path: Path) -> None:
             assert off < (1e-300 if name == "submerged-body" else 1e-9), (letter, off)
             moved.append(abs(expected - first).max() / abs(expected).max())
     assert max(moved) > 0.001
+
+
+def test_a_body_whose_force_depends_on_its_attitude(tmp_path: Path) -> None:
+    """Without a state: an example.  I omega' = I omega x omega + 0.4 e_1 x g^T e_3, from V = 0.4 g_31, by SciPy."""
+    moments = np.array([1.0, 2.0, 2.5])
+    body = kr.physical.FreeBody(tuple(moments), potential=lambda g: 0.4 * g[2, 0])
+    text = kr.code(body, dt=DT, name="rock")
+    start = np.array(by_c(tmp_path, text, "rock", ""))[:7]
+    end = np.array(by_c(tmp_path, text, "rock", "rock_advance(&c, &s, 100);"))[:7]
+    unit = body.scales()["M"].size
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        M, (w, x, y_, z) = y[:3], y[3:]
+        a, b, c = omega = M / moments
+        up = np.array([2 * (x * z - w * y_), 2 * (y_ * z + w * x), 1 - 2 * (x * x + y_ * y_)])
+        turning = [-x * a - y_ * b - z * c, w * a + y_ * c - z * b, w * b + z * a - x * c, w * c + x * b - y_ * a]
+        return np.concatenate([np.cross(M, omega) + 0.4 * np.cross(up, [1.0, 0, 0]), np.array(turning) / 2])
+
+    first = np.concatenate([unit * start[:3], start[3:]])
+    wanted = solve_ivp(rates, (0, 100 * DT), first, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    off = np.concatenate([unit * end[:3], end[3:]]) - wanted
+    assert abs(off).max() < 1e-7 and abs(end - start).max() > 0.1
 
 
 ROCK: dict[str, Any] = {"dt": DT, "name": "rock", **TURNED}

@@ -147,8 +147,8 @@ def _planned(
     model: Model, parameters: dict[str, Any], state: dict[str, Any], orientation: list[Any] | None, dt: float | None
 ) -> Example:
     """The plan with the longest step that its method accepts, if no step is given."""
-    wanted = dt or rounded(A_STEP / (rate(_plan(model, state, None, 1e-6)) or 1.0))
     needed = orientation if model.system.perturbation is not None else None
+    wanted = dt or rounded(A_STEP / (rate(_plan(model, state, needed, 1e-6)) or 1.0))
     for left in reversed(range(HALVED + 1)):
         try:
             plan = _plan(model, state, needed, wanted)
