@@ -14,8 +14,7 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
-from kreisel.forces.kicks import Body
-from kreisel.forces.turns import turns_of
+from kreisel.forces.kicks import Body, turns_of
 from kreisel.method import auto
 from kreisel.record.model import Model
 
@@ -73,15 +72,12 @@ def somewhere(model: Model, seed: int = 0) -> Body:
     rng = np.random.default_rng(seed)
     state = [algebra.hat(rng.normal(size=3)) if k == "skew" else rng.normal(size=3) for k in model.system.space.kinds]
     g = algebra.cayley(algebra.hat(rng.normal(size=3)))
-    return Body(tuple(state), g, np.float64(rng.random()))
-
-
-def known(model: Model, body: Body) -> dict[str, Any]:
-    return {**model.constants, "g": body.g, "t": body.t}
+    t = np.float64(rng.random())
+    return Body(model.system, tuple(state), {**model.constants, "g": g, "t": t}, model.axes, g, t)
 
 
 def rates(model: Model, body: Body) -> tuple[tuple[Any, ...], Any]:
-    return kicks.rates(model.system, body, known(model, body), model.axes)
+    return kicks.rates(body)
 
 
 def energy(model: Model, body: Body) -> float:
@@ -97,7 +93,7 @@ def moved(model: Model, body: Body, h: float) -> Body:
         if model.system.frame.value == "rest"
         else body.g @ algebra.cayley(h / 2 * omega)
     )
-    return Body(tuple(z + h * f for z, f in zip(body.state, flow, strict=True)), g, body.t + h)
+    return body._replace(state=tuple(z + h * f for z, f in zip(body.state, flow, strict=True)), g=g, t=body.t + h)
 
 
 @cases
@@ -123,18 +119,18 @@ def test_a_wrong_sign_of_a_force_changes_the_energy(monkeypatch: pytest.MonkeyPa
 def test_the_flows_begin_as_the_rates(name: str) -> None:
     """Kick, damping and turns for a short time are the rates of state and work; the orientation turns along."""
     model = BODIES[name]
-    system, body, h = model.system, somewhere(model), 1e-6
-    record, consts = kicks.perturbation_of(system), known(model, body)
+    body, h = somewhere(model), 1e-6
+    record = kicks.perturbation_of(model.system)
     ends = []
     for time in (h, -h):
         state, work = body.state, 0.0
         if record.functions:
-            state, work = kicks.kicked(system, body, time, consts, model.axes)
+            state, work = kicks.kicked(body, time)
         if record.damping:
-            state, gained = kicks.decayed(system, state, time, consts, model.axes)
+            state, gained = kicks.decayed(body._replace(state=state), time)
             work = work + gained
         for turn in turns_of(model):
-            state, _ = turn(state, (), time, consts)
+            state, _ = turn(state, (), time, body.constants)
         ends.append((state, work))
     (up, gain), (down, loss) = ends
     wanted, power = rates(model, body)

@@ -20,7 +20,7 @@ from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.product import constants_of_pairs, parameters_of_pairs, product
-from kreisel.forces.records import in_words, perturbed_record
+from kreisel.forces.records import perturbed_record
 from kreisel.record import table
 from kreisel.record.body import as_body
 from kreisel.record.calling import Portable, arguments_of, call, keywords, naming
@@ -387,10 +387,20 @@ def _system(model: Model, record: Perturbation, parameters: list[Parameter], nam
         {**model.axes, **{p.letter: axes_of(p, np.asarray(p.default)) for p in parameters}},
         name=name or f"perturbed-{base.name}",
         title=f"{base.title}, perturbed",
-        equations=f"{base.equations}; perturbed by {in_words(record)}",
+        equations=f"{base.equations}; perturbed by {_in_words(record)}",
         parameters=(*(replace(p, default=model.params[p.letter]) for p in base.parameters), *parameters),
         **stated,
     )
+
+
+def _in_words(record: Perturbation) -> str:
+    """The forces, for a line of text."""
+    parts = [f"a {kind} of ({', '.join(force.arguments)})" for kind, force in record.functions.items()]
+    parts += [f"a pair potential of ({', '.join(record.pair.arguments)})"] if record.pair else []
+    parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
+    parts += ["a coupling of M and P"] * record.coupling
+    parts += ["a controller"] * (record.control is not None)
+    return ", ".join(parts)
 
 
 def _with_own_casimirs(model: Model) -> System:
@@ -435,19 +445,16 @@ def _try(model: Model) -> set[str]:
     }
     try:
         with np.errstate(all="ignore"):
-            body, chosen = Body(state, g, np.float64(0.5)), set[str]()
+            body, chosen = Body(model.system, state, constants, model.axes, g, np.float64(0.5)), set[str]()
             if record.pair is not None:
                 of_pairs, axes = constants_of_pairs(model)
-                values = {name: v[0] for name, v in of_pairs.items()}
-                kicks.pulls(model.system, (body, body), values, axes)
-                pair = kicks.seen_by_pair(model.system, (body, body))
-                chosen |= {"pair"} if kicks.chooses(record.pair, pair, values, axes) else set()
-            kicks.rates(model.system, body, constants, model.axes)
-            tau = kicks.torque(model.system, body, constants, model.axes)
-            arguments = kicks.seen(model.system, body)
-            chosen |= {
-                k for k, force in record.functions.items() if kicks.chooses(force, arguments, constants, model.axes)
-            }
+                member = body._replace(constants={name: v[0] for name, v in of_pairs.items()}, axes=axes)
+                kicks.pulls((member, member))
+                pair = kicks.seen_by_pair((member, member))
+                chosen |= {"pair"} if kicks.chooses(record.pair, pair, member) else set()
+            kicks.rates(body)
+            tau = kicks.torque(body)
+            chosen |= {k for k, force in record.functions.items() if kicks.chooses(force, kicks.seen(body), body)}
     except InputError:
         raise
     except Exception as error:
@@ -515,7 +522,7 @@ class InBody:
                 velocity = (
                     call(system.velocity, state, constants)
                     if record is None
-                    else kicks.velocity(system, state, constants)
+                    else kicks.velocity(Body(system, state, constants, {}))
                 )
                 Omega = algebra.axial(velocity)
                 body["Omega"] = (axes @ Omega if moving else Omega @ g) / self.time

@@ -136,10 +136,11 @@ def require_no_sample(model: Model, time: float, end: float) -> None:
 # -- a sample ----------------------------------------------------------------------------------------------
 
 
-def sampled(system: System, body: Body, q: Array, constants: Constants, axes: Mapping[str, int]) -> tuple[State, Any]:
+def sampled(body: Body, q: Array) -> tuple[State, Any]:
     """The state after a sample, and the work of an impulse; q the orientation as a quaternion."""
+    system, constants, axes = body.system, body.constants, body.axes
     control, new = _control(system), dict(zip(system.space.letters, body.state, strict=True))
-    sensors, generator = _seen(system, body, q, constants, axes)
+    sensors, generator = _seen(body, q)
     inputs, shapes, tape = (
         {**sensors, **{k: new[k] for k in control.memory}},
         {**SENSORS, **control.memory},
@@ -173,10 +174,10 @@ def sampled(system: System, body: Body, q: Array, constants: Constants, axes: Ma
         new[GENERATOR] = generator
     work: Any = 0
     if "impulse" in control.commands:
-        J = algebra.act(kicks.from_body(system, body, constants), new[HELD + "impulse"]) / control.momentum
+        J = algebra.act(kicks.from_body(body), new[HELD + "impulse"]) / control.momentum
         M, J = body.state[0], algebra.hat(J)
         new[system.space.letters[0]] = M + J
-        work = algebra.pairing(J, kicks.velocity(system, (M + J / 2, *body.state[1:]), constants))
+        work = algebra.pairing(J, kicks.velocity(body._replace(state=(M + J / 2, *body.state[1:]))))
     return tuple(new.values()), work
 
 
@@ -187,17 +188,16 @@ def _control(system: System) -> Controller:
     return control
 
 
-def _seen(
-    system: System, body: Body, q: Array, constants: Constants, axes: Mapping[str, int]
-) -> tuple[dict[str, Any], Array | None]:
+def _seen(body: Body, q: Array) -> tuple[dict[str, Any], Array | None]:
     """Values of the sensors by name, and the generator after the draws of the noise."""
-    control, state = _control(system), dict(zip(system.space.letters, body.state, strict=True))
-    R, inside = kicks.to_body(constants), kicks.from_body(system, body, constants).mT
+    control, constants = _control(body.system), body.constants
+    state = dict(zip(body.system.space.letters, body.state, strict=True))
+    R, inside = kicks.to_body(constants), kicks.from_body(body).mT
     fields = {} if body.field is None else {"field": body.field}
     if not FIELDS.keys() & control.arguments <= fields.keys():
-        fields = kicks.surroundings(system, body, constants, axes) | fields
+        fields = kicks.surroundings(body) | fields
     seen: dict[str, Any] = {
-        "rates": algebra.act(inside, algebra.axial(kicks.velocity(system, body.state, constants))) / control.time,
+        "rates": algebra.act(inside, algebra.axial(kicks.velocity(body))) / control.time,
         "attitude": algebra.quaternion_product(q, algebra.inverse_turn(constants[BODY_AXES])),
         "time": body.t * control.time,
         WHEELS: state.get(WHEELS),
@@ -209,7 +209,9 @@ def _seen(
     drawn, generator = normals(state[GENERATOR], 3 * len(control.noise))
     for i, name in enumerate(control.noise):
         names = [word + name for word in (BIAS, DEVIATION)]
-        bias, deviation = (constants[letter] if axes[letter] else algebra.vec(constants[letter]) for letter in names)
+        bias, deviation = (
+            constants[letter] if body.axes[letter] else algebra.vec(constants[letter]) for letter in names
+        )
         off = bias + deviation * drawn[..., 3 * i : 3 * i + 3]
         turned = name == "attitude"
         seen[name] = algebra.quaternion_product(seen[name], algebra.turn(off)) if turned else seen[name] + off
@@ -350,9 +352,9 @@ def span_of(model: Model) -> Any:
     return None if control.every * control.time > LONGEST_SAMPLE else np.maximum(span, least)
 
 
-def renewed_window(window: Array, body: Body, model: Model, constants: Constants) -> Array:
+def renewed_window(window: Array, body: Body) -> Array:
     """The window (..., WINDOW_SIZE) of the time of a body."""
-    span = constants[SPAN]
+    span = body.constants[SPAN]
     w = algebra.nearest(body.t / span)
     moved = window[..., 0] - w - 0.5
 
@@ -360,7 +362,7 @@ def renewed_window(window: Array, body: Body, model: Model, constants: Constants
         def shifted(x: Array) -> tuple[tuple[Array], Any]:
             place = x[..., 0]
             at_node = body._replace(t=(w + place) * span)
-            B = kicks.field_of(model.system, at_node, constants, model.axes)
+            B = kicks.field_of(at_node)
             return (joined(stack([place + 1 / (NODES - 1)]), x[..., 4:], B),), place * place
 
         start = joined(stack([0 * window[..., 0] - 0.5]), window[..., 1:])  # all of which leaves

@@ -185,12 +185,14 @@ def _point(models: list[Model], exact: bool, k: int) -> list[tuple[tuple[Array, 
     for member in (models[0], models[-1])[: 1 + in_pairs]:
         states.append(space.point(n, draw))
         turn = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
-        bodies.append(Body(tuple(_at_times(z, times) for z in states[-1]), _at_times(turn, times), t))
-        rates.append(kicks.rates(member.system, bodies[-1], member.constants, member.axes)[0])
+        state = tuple(_at_times(z, times) for z in states[-1])
+        bodies.append(Body(member.system, state, member.constants, member.axes, _at_times(turn, times), t))
+        rates.append(kicks.rates(bodies[-1])[0])
     if in_pairs:
         of_pairs, axes = constants_of_pairs(model)
         mean = {k: _mean(v, rng.random(len(v)), number) for k, v in of_pairs.items()}
-        pulled = kicks.pulls(model.system, (bodies[0], bodies[1]), mean, axes)[:2]
+        first, second = (body._replace(constants=mean, axes=axes) for body in bodies)
+        pulled = kicks.pulls((first, second))[:2]
         rates = [tuple(x + y for x, y in zip(*pair, strict=True)) for pair in zip(rates, pulled, strict=True)]
     flat = [algebra.flatten(rate, space.kinds) for rate in rates]
     if times is not None:  # some forces overflow at late times

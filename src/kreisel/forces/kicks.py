@@ -4,8 +4,16 @@ The flow of the perturbation for a time h, with g and the state of the integrabl
 
     damping   M -> exp(-damping h) M                                      exact
     kick      M -> M + h (force of the potential + torque)                exact unless the torque depends on M
-    inertia, coupling   rotations (`kreisel.forces.turns`)                                        exact one by one
+    inertia, coupling   rotations about fixed body axes                                             exact one by one
     wheels    M -> M - h W^T wheel_torque; their momenta are constant in the integrable motion      exact
+
+The rotations are the flows of the parts of H that are quadratic in the momenta, n = 3, moving frame:
+
+    inertia     (1/I_i - 1/I_i of the integrable motion) M_i^2/2: a rotation about e_i
+    coupling    M.KP, K symmetric: the sum of k (v.M)(v.P) over v = e_i and e_i + e_j.  For each, v.M and v.P are
+                constant; with w = k (v.P) v and u = k (v.M) v the body rotates by R = exp(h hat(w)), and
+
+                    P(h) = R^T P,   M(h) = R^T (M + h P x u)
 
 `work` is the gain of energy by torques, damping, and forces that depend on time: W' = Omega.tau + dV/dt.
 """
@@ -19,11 +27,12 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.gradient import ChosenNumber, traced, value_and_gradient
+from kreisel.algebra.gradient import ChosenNumber, cos, sin, traced, value_and_gradient
 from kreisel.algebra.recorded import run
 from kreisel.errors import InputError
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, System
+from kreisel.record.model import Model
 from kreisel.record.perturbation import FIELDS, FIRST, SECOND, TIME, Force, Perturbation
 
 ORIENTATION = "g"
@@ -32,19 +41,32 @@ WHEELS, WHEEL_AXES, WHEEL_TORQUE = "wheels", "wheel_axes", "wheel_torque"
 BODY_AXES, HELD = "body_axes", "commanded_"  # of a body with control
 DIAGONAL = 1e-12  # relative: off-diagonal entries of an inverse inertia
 DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
+SAME = 4e-16  # relative: inverse moments that differ by rounding
+PAIRS = ((0, 1), (1, 2), (2, 0))
 
 Constants = Mapping[str, Any]
+State = tuple[Array, ...]
+Turn = Callable[[State, State, Any, Constants], tuple[State, State]]
 
 
 class Body(NamedTuple):
-    """Configuration of a body: the components of the state, the orientation (a matrix) or None, the time or None; the
-    field in space, if it is known.
+    """A perturbed body: its system, the components of its state, constants and axes of each without axes of lanes.
+
+    g  the orientation, a matrix, or None;  t  the time or None;  field  in space, if it is known
     """
 
-    state: tuple[Array, ...]
+    system: System
+    state: State
+    constants: Constants
+    axes: Mapping[str, int]
     g: Array | None = None
     t: Any = None
     field: Array | None = None
+
+    @property
+    def record(self) -> Perturbation:
+        """The perturbation of its system."""
+        return perturbation_of(self.system)
 
 
 def perturbation_of(system: System) -> Perturbation:
@@ -57,86 +79,69 @@ def perturbation_of(system: System) -> Perturbation:
 # -- values ------------------------------------------------------------------------------------------
 
 
-def potential(
-    system: System, body: Body, constants: Constants, axes: Mapping[str, int]
-) -> tuple[Any, dict[str, Array]]:
+def potential(body: Body) -> tuple[Any, dict[str, Array]]:
     """V, and its derivatives with respect to its letters, g and t."""
-    force = perturbation_of(system).potential
+    force = body.record.potential
     if force is None:
         return 0, {}
-    value, slopes = _value_and_slopes(force, "potential", seen(system, body), constants, axes)
-    return value, {name: _back(system, name, slope, body) for name, slope in slopes.items()}
+    value, slopes = _value_and_slopes(force, "potential", seen(body), body)
+    return value, {name: _back(name, slope, body) for name, slope in slopes.items()}
 
 
-def potential_of_pair(
-    system: System, pair: tuple[Body, Body], constants: Constants, axes: Mapping[str, int]
-) -> tuple[Any, tuple[dict[str, Array], dict[str, Array]], Any]:
-    """V of two bodies, its derivatives with respect to the letters and g of each, and t."""
-    force = perturbation_of(system).pair
+def potential_of_pair(pair: tuple[Body, Body]) -> tuple[Any, tuple[dict[str, Array], dict[str, Array]], Any]:
+    """V of two bodies, its derivatives with respect to the letters and g of each, and t; constants are of the pair."""
+    force = pair[0].record.pair
     if force is None:
-        raise TypeError(f"{system.name} has no pair potential")
-    value, slopes = _value_and_slopes(force, "pair_potential", seen_by_pair(system, pair), constants, axes)
+        raise TypeError(f"{pair[0].system.name} has no pair potential")
+    value, slopes = _value_and_slopes(force, "pair_potential", seen_by_pair(pair), pair[0])
     first, second = (
-        {name[:-1]: _back(system, name[:-1], slope, body) for name, slope in slopes.items() if name[-1] == mark}
+        {name[:-1]: _back(name[:-1], slope, body) for name, slope in slopes.items() if name[-1] == mark}
         for body, mark in zip(pair, (FIRST, SECOND), strict=True)
     )
     return value, (first, second), slopes.get(TIME, 0)
 
 
-def pulls(
-    system: System, pair: tuple[Body, Body], constants: Constants, axes: Mapping[str, int]
-) -> tuple[tuple[Array, ...], tuple[Array, ...], Any]:
+def pulls(pair: tuple[Body, Body]) -> tuple[State, State, Any]:
     """The rates of the states of two bodies by their interaction, and of the work."""
-    _, slopes, power = potential_of_pair(system, pair, constants, axes)
-    first, second = (force_of_potential(system, body, by, constants) for body, by in zip(pair, slopes, strict=True))
+    _, slopes, power = potential_of_pair(pair)
+    first, second = (force_of_potential(body, by) for body, by in zip(pair, slopes, strict=True))
     return first, second, power
 
 
 def _value_and_slopes(
-    force: Force, kind: str, arguments: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
+    force: Force, kind: str, arguments: Mapping[str, tuple[Any, int]], body: Body
 ) -> tuple[Any, dict[str, Any]]:
     """The value of a potential and its derivatives with respect to its arguments; `arguments`: (value, axes)."""
-    parameters = [(constants[name], axes[name]) for name in force.parameters]
-
-    def of_numbers(*numbers: Any) -> Any:
-        return _called(force, numbers)
-
+    values = _values(force, arguments, body)
     try:
-        value, slopes = value_and_gradient(of_numbers, [*(arguments[name] for name in force.arguments), *parameters])
+        value, slopes = value_and_gradient(lambda *numbers: _called(force, numbers), values)
     except InputError as error:
         raise InputError(f"{kind}: {error}") from None
     return value, dict(zip(force.arguments, slopes, strict=False))
 
 
-def torque(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> Array | None:
+def torque(body: Body) -> Array | None:
     """tau as a skew matrix (..., n, n); None without a torque."""
     n = body.state[0].shape[-1]
-    result = _load(system, "torque", ((3,), (n, n))[n != 3 :], body, constants, axes)
+    result = _load("torque", ((3,), (n, n))[n != 3 :], body)
     if result is None:
         return None
     tau, shape = result
     return algebra.hat(tau) if shape == (3,) else tau
 
 
-def force(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> Array | None:
+def force(body: Body) -> Array | None:
     """F (..., n); None without a force."""
-    result = _load(system, "force", ((body.state[0].shape[-1],),), body, constants, axes)
+    result = _load("force", ((body.state[0].shape[-1],),), body)
     return None if result is None else result[0]
 
 
-def _load(
-    system: System,
-    kind: str,
-    shapes: Sequence[tuple[int, ...]],
-    body: Body,
-    constants: Constants,
-    axes: Mapping[str, int],
-) -> tuple[Array, tuple[int, ...]] | None:
+def _load(kind: str, shapes: Sequence[tuple[int, ...]], body: Body) -> tuple[Array, tuple[int, ...]] | None:
     """The values of a load, and its shape without lanes, one of `shapes`."""
-    function = perturbation_of(system).functions.get(kind)
+    function = body.record.functions.get(kind)
     if function is None:
         return None
-    result = np.asarray(_recorded(function, seen(system, body), constants, axes)[0], dtype=object)
+    result = np.asarray(_recorded(function, seen(body), body)[0], dtype=object)
     if result.shape not in shapes:
         n = shapes[0][0]
         wanted = (
@@ -148,54 +153,54 @@ def _load(
     return values_of(result, body), result.shape
 
 
-def loads(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> tuple[tuple[Any, ...], Any]:
+def loads(body: Body) -> tuple[tuple[Any, ...], Any]:
     """The rates of the state by torque, force and motors of wheels, and of their work, Omega.tau + U.F."""
-    record, rates = perturbation_of(system), [0 * z for z in body.state]
-    tau, F, power = torque(system, body, constants, axes), force(system, body, constants, axes), 0
-    if record.control is not None:
-        rates = actuated(system, body, constants, axes)
+    rates: list[Any] = [0 * z for z in body.state]
+    tau, F, power = torque(body), force(body), 0
+    if body.record.control is not None:
+        rates = actuated(body)
         tau = rates[0] if tau is None else tau + rates[0]
     if tau is not None:
         rates[0] = tau
-        power = power + algebra.pairing(velocity(system, body.state, constants), tau)
+        power = power + algebra.pairing(velocity(body), tau)
     if F is not None:
         rates[1] = F
-        power = power + algebra.dot(translation(system, body, constants, axes), F)
+        power = power + algebra.dot(translation(body), F)
     return tuple(rates), power
 
 
-def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
+def seen(body: Body) -> dict[str, tuple[Any, int]]:
     """The possible arguments of a force, by name: (value, its axes)."""
-    constants: dict[str, tuple[Any, int]] = {}
-    for (letter, kind), z in zip(system.space.components, body.state, strict=True):
+    arguments: dict[str, tuple[Any, int]] = {}
+    for (letter, kind), z in zip(body.system.space.components, body.state, strict=True):
         shown = algebra.KINDS[kind].shown(body.state[0].shape[-1])
-        constants[letter] = algebra.KINDS[kind].for_user(z), shown.axes
-    return constants | {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
+        arguments[letter] = algebra.KINDS[kind].for_user(z), shown.axes
+    return arguments | {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
 
 
-def seen_by_pair(system: System, pair: tuple[Body, Body]) -> dict[str, tuple[Any, int]]:
+def seen_by_pair(pair: tuple[Body, Body]) -> dict[str, tuple[Any, int]]:
     """The possible arguments of a pair potential, by name: (value, its axes)."""
     arguments = {TIME: (pair[0].t, 0)}
     for body, mark in zip(pair, (FIRST, SECOND), strict=True):
-        arguments |= {name + mark: value for name, value in seen(system, body).items() if name != TIME}
+        arguments |= {name + mark: value for name, value in seen(body).items() if name != TIME}
     return arguments
 
 
-def chooses(
-    force: Force, arguments: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
-) -> bool:
+def chooses(force: Force, arguments: Mapping[str, tuple[Any, int]], body: Body) -> bool:
     """Whether a force chooses values by comparisons; `arguments` has (value, axes) of its arguments."""
-    return any(isinstance(x, ChosenNumber) for x in _recorded(force, arguments, constants, axes)[1])
+    return any(isinstance(x, ChosenNumber) for x in _recorded(force, arguments, body)[1])
 
 
-def _recorded(
-    force: Force, arguments: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
-) -> tuple[Any, list[Any]]:
+def _recorded(force: Force, arguments: Mapping[str, tuple[Any, int]], body: Body) -> tuple[Any, list[Any]]:
     """The result of a force of values that record the operations, and their tape."""
     tape: list[Any] = []
-    parameters = [(constants[name], axes[name]) for name in force.parameters]
-    values = [traced(tape, *entry) for entry in (*(arguments[name] for name in force.arguments), *parameters)]
-    return _called(force, values), tape
+    return _called(force, [traced(tape, *entry) for entry in _values(force, arguments, body)]), tape
+
+
+def _values(force: Force, arguments: Mapping[str, tuple[Any, int]], body: Body) -> list[tuple[Any, int]]:
+    """The values of the arguments and parameters of a force, each with its axes."""
+    parameters = [(body.constants[name], body.axes[name]) for name in force.parameters]
+    return [*(arguments[name] for name in force.arguments), *parameters]
 
 
 def _called(force: Force, numbers: Sequence[Any]) -> Any:
@@ -203,9 +208,9 @@ def _called(force: Force, numbers: Sequence[Any]) -> Any:
     return run(force.function, *arguments, **force.named(parameters))
 
 
-def _back(system: System, name: str, slope: Array, body: Body) -> Array:
+def _back(name: str, slope: Array, body: Body) -> Array:
     """A derivative with respect to the axial vector of a skew matrix, as a skew matrix: <X, Y> = x.y."""
-    kind = dict(system.space.components).get(name)
+    kind = dict(body.system.space.components).get(name)
     return slope if kind is None else algebra.KINDS[kind].from_user(slope, body.state[0].shape[-1])
 
 
@@ -221,20 +226,18 @@ def values_of(result: Array, body: Body) -> Array:
 # -- rates -------------------------------------------------------------------------------------------
 
 
-def force_of_potential(
-    system: System, body: Body, slopes: Mapping[str, Array], constants: Constants
-) -> tuple[Array, ...]:
+def force_of_potential(body: Body, slopes: Mapping[str, Array]) -> State:
     """The rates of the state by V: {x, V} from the letters, and the torque from g."""
-    space, state = system.space, body.state
+    space, state = body.system.space, body.state
     rates: list[Array] = [0 * z for z in state]
     if any(letter in slopes for letter in space.letters):
         by = [slopes.get(letter, 0 * z) for letter, z in zip(space.letters, state, strict=True)]
         flat = algebra.flatten(by, space.kinds)
-        tensor = call(space.tensor, state, constants)
+        tensor = call(space.tensor, state, body.constants)
         rates = list(algebra.restore(algebra.act(tensor.mT, flat), space.kinds, state[0].shape[-1]))
     if ORIENTATION in slopes:
         G, g = slopes[ORIENTATION], body.g
-        turned = G @ g.mT if system.frame is Frame.REST else g.mT @ G  # type: ignore[union-attr]
+        turned = G @ g.mT if body.system.frame is Frame.REST else g.mT @ G  # type: ignore[union-attr]
         rates[0] = rates[0] - (turned - turned.mT)
     return tuple(rates)
 
@@ -262,21 +265,21 @@ def inverse_moments(system: System, constants: Constants) -> Array:
     return 1 / constants[INERTIA] - np.stack([column[..., i] for i, column in enumerate(columns)], -1)
 
 
-def velocity(system: System, state: tuple[Array, ...], constants: Constants) -> Array:
+def velocity(body: Body) -> Array:
     """The angular velocity, with the moments of the perturbed body."""
-    record = perturbation_of(system)
+    state, constants, record = body.state, body.constants, body.record
     out = call(record.base.velocity, state[: len(record.base.space.letters)], constants)
     if record.inertia:
-        out = out + algebra.hat(inverse_moments(system, constants) * algebra.axial(state[0]))
+        out = out + algebra.hat(inverse_moments(body.system, constants) * algebra.axial(state[0]))
     return out + algebra.hat(algebra.act(constants[COUPLING], state[1])) if record.coupling else out
 
 
-def momentum_of_wheels(system: System, state: tuple[Array, ...], constants: Constants) -> Array | None:
+def momentum_of_wheels(body: Body) -> Array | None:
     """h (..., 3) along the axes of the state; None without wheels."""
-    control = perturbation_of(system).control
+    control = body.record.control
     if control is None or not control.wheels:
         return None
-    return along_state(state[system.space.letters.index(WHEELS)], constants) / control.momentum
+    return along_state(body.state[body.system.space.letters.index(WHEELS)], body.constants) / control.momentum
 
 
 def to_body(constants: Constants) -> Array:
@@ -284,10 +287,10 @@ def to_body(constants: Constants) -> Array:
     return algebra.rotation_matrix(constants[BODY_AXES])
 
 
-def from_body(system: System, body: Body, constants: Constants) -> Array:
+def from_body(body: Body) -> Array:
     """The matrix (..., 3, 3) that maps vectors along the body axes to those along the axes of the state."""
-    back = to_body(constants).mT
-    return back if system.frame is Frame.MOVING or body.g is None else body.g @ back
+    back = to_body(body.constants).mT
+    return back if body.system.frame is Frame.MOVING or body.g is None else body.g @ back
 
 
 def along_state(wheels: Array, constants: Constants) -> Array:
@@ -295,58 +298,58 @@ def along_state(wheels: Array, constants: Constants) -> Array:
     return algebra.act(to_body(constants).mT, (wheels[..., None, :] @ constants[WHEEL_AXES])[..., 0, :])
 
 
-def surroundings(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> dict[str, Array]:
+def surroundings(body: Body) -> dict[str, Array]:
     """The fields at the place of the body, in space, by name.  Raises `InputError` for a body without a place."""
-    force = perturbation_of(system).environment
+    force = body.record.environment
     if force is None:
         raise InputError(
-            f"{system.name}: expected a law of rates, attitude, time, wheels, that commands torques, got one of "
+            f"{body.system.name}: expected a law of rates, attitude, time, wheels, that commands torques, got one of "
             f"{', '.join(FIELDS)}, or a dipole. Only a body on an orbit has them: kr.physical.Satellite."
         )
-    result, _ = _recorded(force, {TIME: (body.t, 0)}, constants, axes)
+    result, _ = _recorded(force, {TIME: (body.t, 0)}, body)
     return {name: values_of(np.asarray(value, dtype=object), body) for name, value in result.items()}
 
 
-def field_of(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> Array:
+def field_of(body: Body) -> Array:
     """The magnetic field at the place of the body, in space.  Raises `InputError` for a body without a place."""
-    return surroundings(system, body, constants, axes)["field"] if body.field is None else body.field
+    return surroundings(body)["field"] if body.field is None else body.field
 
 
-def actuated(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> list[Any]:
+def actuated(body: Body) -> list[Any]:
     """The rates of the state by the commands that are held."""
-    control = perturbation_of(system).control
-    held, back = dict(zip(system.space.letters, body.state, strict=True)), from_body(system, body, constants)
+    control, letters = body.record.control, body.system.space.letters
+    held, back = dict(zip(letters, body.state, strict=True)), from_body(body)
     rates: list[Any] = [0 * z for z in body.state]
     tau: Any = 0 * algebra.axial(body.state[0])
     if HELD + "dipole" in held:
-        B = algebra.act(body.g.mT, field_of(system, body, constants, axes))  # type: ignore[union-attr]
+        B = algebra.act(body.g.mT, field_of(body))  # type: ignore[union-attr]
         tau = tau + algebra.cross(algebra.act(back, held[HELD + "dipole"]), B)
     if HELD + "torque" in held:
         tau = tau + algebra.act(back, held[HELD + "torque"])
     if WHEELS in held:
-        motors = held.get(HELD + WHEEL_TORQUE, 0 * held[WHEELS]) + constants[WHEEL_TORQUE]
-        tau = tau - along_state(motors, constants)
-        rates[system.space.letters.index(WHEELS)] = motors * control.time  # type: ignore[union-attr]
+        motors = held.get(HELD + WHEEL_TORQUE, 0 * held[WHEELS]) + body.constants[WHEEL_TORQUE]
+        tau = tau - along_state(motors, body.constants)
+        rates[letters.index(WHEELS)] = motors * control.time  # type: ignore[union-attr]
     rates[0] = algebra.hat(tau * (control.time / control.momentum))  # type: ignore[union-attr]
     return rates
 
 
-def translation(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> Array:
+def translation(body: Body) -> Array:
     """U = dH/dP, including a potential of P and a coupling."""
-    record = perturbation_of(system)
-    out = call(record.base.translation, body.state[: len(record.base.space.letters)], constants)
+    record = body.record
+    out = call(record.base.translation, body.state[: len(record.base.space.letters)], body.constants)
     if record.coupling:
-        out = out + algebra.act(constants[COUPLING], algebra.axial(body.state[0]))
-    return out + potential(system, body, constants, axes)[1].get(system.space.letters[1], 0)
+        out = out + algebra.act(body.constants[COUPLING], algebra.axial(body.state[0]))
+    return out + potential(body)[1].get(body.system.space.letters[1], 0)
 
 
-def damped(system: System, state: tuple[Array, ...], factors: Array, by_axis: bool) -> Array:
+def damped(body: Body, factors: Array) -> Array:
     """The momentum with each part multiplied: by one factor, or one for each axis (..., 3), n = 3.
 
     In the rest frame the last axis is along the carried vector a, and the first two are equivalent.
     """
-    M = state[0]
-    if not by_axis:
+    system, state, M = body.system, body.state, body.state[0]
+    if not body.axes[DAMPING]:
         return algebra.mat(factors) * M
     m = algebra.axial(M)
     if system.frame is Frame.MOVING:
@@ -356,29 +359,28 @@ def damped(system: System, state: tuple[Array, ...], factors: Array, by_axis: bo
     return algebra.hat(factors[..., :1] * (m - along) + factors[..., 2:] * along)
 
 
-def rates(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> tuple[tuple[Array, ...], Any]:
+def rates(body: Body) -> tuple[State, Any]:
     """The rates of the state by the perturbation only, and of the work."""
-    record = perturbation_of(system)
-    _, slopes = potential(system, body, constants, axes)
-    out = list(force_of_potential(system, body, slopes, constants))
+    record, constants, (_, slopes) = body.record, body.constants, potential(body)
+    out = list(force_of_potential(body, slopes))
     work = slopes.get(TIME, 0)
     if record.loaded:
-        by_loads, power = loads(system, body, constants, axes)
+        by_loads, power = loads(body)
         out, work = [x + y for x, y in zip(out, by_loads, strict=True)], work + power
     if record.damping:
-        lost = damped(system, body.state, constants[DAMPING], axes[DAMPING] > 0)
+        lost = damped(body, constants[DAMPING])
         out[0] = out[0] - lost
-        work = work - algebra.pairing(velocity(system, body.state, constants), lost)
+        work = work - algebra.pairing(velocity(body), lost)
     if record.friction is not None:
         slow, power = call(record.friction, body.state, constants)
         out, work = [x + y for x, y in zip(out, slow, strict=True)], work + power
     if record.inertia:
-        X = algebra.hat(inverse_moments(system, constants) * algebra.axial(body.state[0]))
-        for i, kind in enumerate(system.space.kinds):
+        X = algebra.hat(inverse_moments(body.system, constants) * algebra.axial(body.state[0]))
+        for i, kind in enumerate(body.system.space.kinds):
             out[i] = out[i] - algebra.KINDS[kind].rate(X, body.state[i])
-    h = momentum_of_wheels(system, body.state, constants)
+    h = momentum_of_wheels(body)
     if h is not None:
-        out[0] = out[0] + algebra.hat(algebra.cross(h, algebra.axial(velocity(system, body.state, constants))))
+        out[0] = out[0] + algebra.hat(algebra.cross(h, algebra.axial(velocity(body))))
     if record.coupling:
         M, P = algebra.axial(body.state[0]), body.state[1]
         KM, KP = (algebra.act(constants[COUPLING], v) for v in (M, P))
@@ -391,34 +393,31 @@ def rates(system: System, body: Body, constants: Constants, axes: Mapping[str, i
 
 
 def kicked(
-    system: System,
     body: Body,
     h: Any,
-    constants: Constants,
-    axes: Mapping[str, int],
-    others: Callable[[tuple[Array, ...]], tuple[tuple[Any, ...], Any]] | None = None,
-) -> tuple[tuple[Array, ...], Any]:
+    others: Callable[[State], tuple[tuple[Any, ...], Any]] | None = None,
+) -> tuple[State, Any]:
     """The state after the kick for the time h, and the work.
 
     `others`: further actions, state -> the rates of the state and of the work.
     """
 
-    def without_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
+    def without_loads(state: State) -> tuple[tuple[Any, ...], Any]:
         moved = body._replace(state=state)
-        _, slopes = potential(system, moved, constants, axes)
-        rates, power = force_of_potential(system, moved, slopes, constants), slopes.get(TIME, 0)
+        _, slopes = potential(moved)
+        rates, power = force_of_potential(moved, slopes), slopes.get(TIME, 0)
         return _sum((rates, power), others(state)) if others is not None else (rates, power)
 
-    def by_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
-        return loads(system, body._replace(state=state), constants, axes)
+    def by_loads(state: State) -> tuple[tuple[Any, ...], Any]:
+        return loads(body._replace(state=state))
 
-    if not perturbation_of(system).loaded:
+    if not body.record.loaded:
         rates, power = without_loads(body.state)
-        return _after(system, body.state, h, rates), h * power
-    if changes_its_loads(system):
-        return _by_runge_kutta(system, body.state, h, lambda state: _sum(without_loads(state), by_loads(state)))
+        return _after(body, h, rates), h * power
+    if changes_its_loads(body.system):
+        return _by_runge_kutta(body, h, lambda state: _sum(without_loads(state), by_loads(state)))
     still = without_loads(body.state)
-    new = _after(system, body.state, h, _sum(still, by_loads(body.state))[0])
+    new = _after(body, h, _sum(still, by_loads(body.state))[0])
     middle = tuple((x + y) / 2 for x, y in zip(body.state, new, strict=True))  # Omega is linear in the momentum
     return new, h * (still[1] + by_loads(middle)[1])
 
@@ -434,38 +433,33 @@ def changes_its_loads(system: System) -> bool:
     return by_torque or record.force is not None
 
 
-def _after(system: System, state: tuple[Array, ...], h: Any, rates: tuple[Any, ...]) -> tuple[Array, ...]:
+def _after(body: Body, h: Any, rates: tuple[Any, ...]) -> State:
     """state + h rates."""
-    scale = [algebra.mat(h) if algebra.KINDS[k].axes == 2 else algebra.vec(h) for k in system.space.kinds]
-    return tuple(z + s * r for z, s, r in zip(state, scale, rates, strict=True))
+    scale = [algebra.mat(h) if algebra.KINDS[k].axes == 2 else algebra.vec(h) for k in body.system.space.kinds]
+    return tuple(z + s * r for z, s, r in zip(body.state, scale, rates, strict=True))
 
 
-def _by_runge_kutta(
-    system: System, state: tuple[Array, ...], h: Any, rates: Callable[..., tuple[tuple[Any, ...], Any]]
-) -> tuple[tuple[Array, ...], Any]:
+def _by_runge_kutta(body: Body, h: Any, rates: Callable[..., tuple[tuple[Any, ...], Any]]) -> tuple[State, Any]:
     """The state after the time h, and the work, by the classical method of order 4."""
-    total, gain, point = [0 * z for z in state], 0, state
+    total, gain, point = [0 * z for z in body.state], 0, body.state
     for weight, ahead in ((1 / 6, 0.5), (1 / 3, 0.5), (1 / 3, 1.0), (1 / 6, 0.0)):
         slopes, power = rates(point)
         total = [z + weight * s for z, s in zip(total, slopes, strict=True)]
-        point, gain = _after(system, state, ahead * h, slopes), gain + weight * power
-    return _after(system, state, h, tuple(total)), h * gain
+        point, gain = _after(body, ahead * h, slopes), gain + weight * power
+    return _after(body, h, tuple(total)), h * gain
 
 
-def decayed(
-    system: System, state: tuple[Array, ...], h: Any, constants: Constants, axes: Mapping[str, int]
-) -> tuple[tuple[Array, ...], Any]:
+def decayed(body: Body, h: Any) -> tuple[State, Any]:
     """The state after linear damping for the time h, exactly, and the work."""
-    by_axis = axes[DAMPING] > 0
-    lost = expm1(-(algebra.vec(h) if by_axis else h) * constants[DAMPING])
-    new = (state[0] + damped(system, state, lost, by_axis), *state[1:])
-    return new, kinetic(system, new, constants) - kinetic(system, state, constants)
+    lost = expm1(-(algebra.vec(h) if body.axes[DAMPING] else h) * body.constants[DAMPING])
+    new = (body.state[0] + damped(body, lost), *body.state[1:])
+    return new, kinetic(body._replace(state=new)) - kinetic(body)
 
 
-def rubbed(system: System, state: tuple[Array, ...], h: Any, constants: Constants) -> tuple[tuple[Array, ...], Any]:
+def rubbed(body: Body, h: Any) -> tuple[State, Any]:
     """The state after friction for the time h, and the work."""
-    function = perturbation_of(system).friction
-    return _by_runge_kutta(system, state, h, lambda z: call(function, z, constants))
+    function = body.record.friction
+    return _by_runge_kutta(body, h, lambda z: call(function, z, body.constants))
 
 
 def expm1(x: Any) -> Any:
@@ -479,18 +473,86 @@ def expm1(x: Any) -> Any:
     return out
 
 
-def kinetic(system: System, state: tuple[Array, ...], constants: Constants) -> Any:
+def kinetic(body: Body) -> Any:
     """The part of H that depends on M: <M, Omega>/2 with the moments of the perturbed body, and half of a coupling."""
-    out = algebra.pairing(state[0], velocity(system, state, constants)) / 2
-    if perturbation_of(system).coupling:
-        out = out + algebra.dot(algebra.axial(state[0]), algebra.act(constants[COUPLING], state[1])) / 2
+    M, *others = body.state
+    out = algebra.pairing(M, velocity(body)) / 2
+    if body.record.coupling:
+        out = out + algebra.dot(algebra.axial(M), algebra.act(body.constants[COUPLING], others[0])) / 2
     return out
 
 
-def energy_of_spin(system: System, state: tuple[Array, ...], constants: Constants) -> Any:
+def energy_of_spin(body: Body) -> Any:
     """The energy of the spin, which the Hamiltonian of the rest frame omits as a function of Casimirs."""
-    base = perturbation_of(system).base
-    state = state[: len(base.space.letters)]
+    base, constants = body.record.base, body.constants
+    state = body.state[: len(base.space.letters)]
     at_rest = (0 * state[0], *state[1:])
     in_hamiltonian = call(base.energy, state, constants) - call(base.energy, at_rest, constants)
     return algebra.pairing(state[0], call(base.velocity, state, constants)) / 2 - in_hamiltonian
+
+
+# -- rotations about fixed body axes -----------------------------------------------------------------
+
+
+def turns_of(model: Model, with_zeros: bool = False) -> list[Turn]:
+    """The rotations of a perturbed body: (state, orientation, h, constants), if they have an effect in some lane.
+
+    With `with_zeros` all are returned, since parameters may change.
+    """
+    system, record = model.system, perturbation_of(model.system)
+    out: list[Turn] = []
+    if record.inertia:
+        change = abs(inverse_moments(system, model.constants)).reshape(-1, 3).max(0)
+        axes = np.flatnonzero(with_zeros | (change > SAME * (1 / model.constants[INERTIA]).max())).tolist()
+        out += [about_axis(system, axis) for axis in axes]
+    if record.coupling:
+        result = [np.asarray(weight(model.constants[COUPLING], term)) for term in range(6)]
+        out += [along_coupling(system, term) for term in range(6) if with_zeros or result[term].any()]
+    return out
+
+
+def about_axis(system: System, axis: int) -> Turn:
+    """The change of one principal moment."""
+
+    def turn(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        rate = inverse_moments(system, constants)[..., axis] * algebra.axial(state[0])[..., axis]
+        return after_turn(system, state, g, rate * h, np.eye(3)[axis])
+
+    return turn
+
+
+def along_coupling(system: System, term: int) -> Turn:
+    """One k (v.M)(v.P)."""
+    v, length = direction(term), float(np.linalg.norm(direction(term)))
+
+    def turn(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        M, P, *remainder = state
+        k, m = weight(constants[COUPLING], term), algebra.axial(M)
+        u = algebra.vec(h * k * algebra.dot(m, v + 0 * m)) * (v + 0 * m)
+        state = (M + algebra.hat(algebra.cross(P, u)), P, *remainder)
+        return after_turn(system, state, g, h * k * algebra.dot(P, v + 0 * P) * length, v / length)
+
+    return turn
+
+
+def direction(term: int) -> Array:
+    """e_1, e_2, e_3, e_1 + e_2, e_2 + e_3, e_3 + e_1."""
+    unit = np.eye(3)
+    return unit[term] if term < 3 else unit[PAIRS[term - 3][0]] + unit[PAIRS[term - 3][1]]
+
+
+def weight(K: Array, term: int) -> Array:
+    """k of that direction v: K is the sum of k v v^T."""
+    if term < 3:
+        return 2 * K[..., term, term] - K[..., term, 0] - K[..., term, 1] - K[..., term, 2]
+    i, j = PAIRS[term - 3]
+    return K[..., i, j]
+
+
+def after_turn(system: System, state: State, g: State, angle: Any, axis: Array) -> tuple[State, State]:
+    """The state and the unit quaternion g after a rotation of the body by that angle about a unit vector."""
+    s, c = sin(angle / 2), cos(angle / 2)
+    q = algebra.vec(c) * algebra.identity(4)[0] + algebra.vec(s) * np.append(0.0, axis)
+    W = algebra.rotation_matrix(q)
+    new = tuple(algebra.KINDS[kind].rotated(W.mT, z) for kind, z in zip(system.space.kinds, state, strict=True))
+    return new, tuple(algebra.quaternion_product(x, q) for x in g)

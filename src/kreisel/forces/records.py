@@ -40,46 +40,35 @@ def perturbed_record(record: Perturbation, axes: Mapping[str, int], **stated: An
     return replace(system, **named)
 
 
-def in_words(record: Perturbation) -> str:
-    """The forces, for a line of text."""
-    parts = [f"a {kind} of ({', '.join(force.arguments)})" for kind, force in record.functions.items()]
-    parts += [f"a pair potential of ({', '.join(record.pair.arguments)})"] if record.pair else []
-    parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
-    parts += ["a coupling of M and P"] * record.coupling
-    parts += ["a controller"] * (record.control is not None)
-    return ", ".join(parts)
-
-
 def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..., Any]]:
     """Flow, energy and velocity of the perturbed system, as far as the integrable system has them."""
     record = kicks.perturbation_of(system)
     base, count = record.base, len(record.base.space.letters)
     turned = base.frame is Frame.REST and (record.loaded or record.damping or record.names(ORIENTATION))
 
+    def body(state: tuple[Array, ...], constants: Mapping[str, Any]) -> Body:
+        return Body(system, state, constants, axes, constants.get(ORIENTATION), constants.get(TIME))
+
     def flow(*state: Array, **constants: Any) -> tuple[Array, ...]:
-        rates, _ = kicks.rates(system, _body(state, constants), constants, axes)
+        rates, _ = kicks.rates(body(state, constants))
         inner = call(base.flow, state[:count], constants)
         return (*(x + y for x, y in zip(inner, rates, strict=False)), *rates[count:])
 
     def energy(*state: Array, **constants: Any) -> Array:
-        V, _ = kicks.potential(system, _body(state, constants), constants, axes)
+        V, _ = kicks.potential(body(state, constants))
         out = call(base.energy, state[:count], constants) + V
         if record.inertia:
             M = algebra.axial(state[0])
             out = out + algebra.dot(M * M, kicks.inverse_moments(system, constants)) / 2
         if record.coupling:
             out = out + algebra.dot(algebra.axial(state[0]), algebra.act(constants[COUPLING], state[1]))
-        return out + kicks.energy_of_spin(system, state, constants) if turned else out
+        return out + kicks.energy_of_spin(body(state, constants)) if turned else out
 
     def velocity(*state: Array, **constants: Any) -> Array:
-        return kicks.velocity(system, state, constants)
+        return kicks.velocity(body(state, constants))
 
     def translation(*state: Array, **constants: Any) -> Array:
-        return kicks.translation(system, _body(state, constants), constants, axes)
+        return kicks.translation(body(state, constants))
 
     result = {"flow": flow, "energy": energy, "velocity": velocity, "translation": translation}
     return {kind: function for kind, function in result.items() if getattr(base, kind) is not None}
-
-
-def _body(state: tuple[Array, ...], constants: Mapping[str, Any]) -> Body:
-    return Body(state, constants.get(ORIENTATION), constants.get(TIME))

@@ -40,8 +40,8 @@ def zero(system: System, state: tuple[Array, ...]) -> Array:
 
 def power(model: Model, state: tuple[Array, ...], constants: Mapping[str, Any]) -> Array:
     """The rate of the work."""
-    body = Body(state, constants.get(ORIENTATION), constants.get(TIME))
-    return kicks.rates(model.system, body, constants, model.axes)[1]
+    where = constants.get(ORIENTATION), constants.get(TIME)
+    return kicks.rates(Body(model.system, state, constants, model.axes, *where))[1]
 
 
 def outcomes_of_work(meaning: str) -> dict[str, Outcome]:
@@ -88,8 +88,8 @@ def coupling_of(
     constants, axes = constants_of_pairs(model)
 
     def pull(*z: Array, **constants: Array) -> tuple[Array, ...]:
-        bodies = where(z[: len(z) // 2], constants), where(z[len(z) // 2 :], constants)
-        first, second, gain = kicks.pulls(model.system, bodies, constants, axes)
+        left, right = where(z[: len(z) // 2], constants), where(z[len(z) // 2 :], constants)
+        first, second, gain = kicks.pulls((left._replace(axes=axes), right._replace(axes=axes)))
         return (*first, *(gain / 2,) * driven, *second, *(gain / 2,) * driven)
 
     return Coupling(
@@ -109,14 +109,16 @@ def with_totals(model: Model, outputs: Mapping[str, Array], bodies: Body) -> dic
         return dict(outputs)
     constants, axes = constants_of_pairs(model)
     first, second = (
-        Body(
-            tuple(z[:, of] for z in bodies.state),
-            None if bodies.g is None else bodies.g[:, of],
-            None if bodies.t is None else bodies.t[:, of],
+        bodies._replace(
+            state=tuple(z[:, of] for z in bodies.state),
+            constants=constants,
+            axes=axes,
+            g=None if bodies.g is None else bodies.g[:, of],
+            t=None if bodies.t is None else bodies.t[:, of],
         )
         for of in pairs.T
     )
-    V, _, _ = kicks.potential_of_pair(model.system, (first, second), constants, axes)
+    V, _, _ = kicks.potential_of_pair((first, second))
     out = dict(outputs)
     energy = out["energy"].copy()
     shares = np.broadcast_to(np.asarray(V) / 2, (len(energy), len(pairs)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.forces.kicks import Body
+from kreisel.forces.kicks import Body, Constants
 from kreisel.forces.product import of_bodies
 from kreisel.method import driven
 from kreisel.method.scheme import (
@@ -72,9 +72,11 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     if works:
         outcomes |= driven.outcomes_of_work("not conserved by this method")
     outcomes |= driven.outcomes_of_totals(model, "not conserved by this method")
-    coupling = driven.coupling_of(
-        model, lambda z, constants: Body(z[:count], where(z).get(ORIENTATION), where(z).get(TIME)), works
-    )
+
+    def body(z: State, constants: Constants) -> Body:
+        return Body(model.system, z[:count], constants, model.axes, where(z).get(ORIENTATION), where(z).get(TIME))
+
+    coupling = driven.coupling_of(model, body, works)
     return scheme_of(
         "dop853",
         model,

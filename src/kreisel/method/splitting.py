@@ -34,10 +34,9 @@ from kreisel.errors import InputError
 from kreisel.exact import quadrics, rotor_step, top_step
 from kreisel.forces import control, kicks
 from kreisel.forces.invariants import conserved
-from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of, require_principal
+from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of, require_principal, turns_of
 from kreisel.forces.product import Factor, of_bodies
-from kreisel.forces.turns import turns_of
-from kreisel.method import driven
+from kreisel.method import driven, observing
 from kreisel.method.composition import Splitting as Fractions
 from kreisel.method.composition import corrector, inverse, splitting, symmetric_composition
 from kreisel.method.scheme import (
@@ -128,8 +127,8 @@ class Splitting:
         """A, then B."""
         if self.span is not None:
             state, g, carried = self.apart(z)
-            body = Body(state, None, self.time(carried, _node, constants))
-            carried[control.WINDOW] = control.renewed_window(carried[control.WINDOW], body, self.model, constants)
+            body = self.configured(state, constants)._replace(t=self.time(carried, _node, constants))
+            carried[control.WINDOW] = control.renewed_window(carried[control.WINDOW], body)
             z = (*state, *g, *carried.values())
         if self.record.sampled:
             z = self.sampled(z, constants)
@@ -141,17 +140,20 @@ class Splitting:
         """The body at a node of the step."""
         t = self.time(carried, node, constants)
         field = None if self.span is None else control.field_in_window(carried[control.WINDOW], t, constants)
-        return Body(state, self.turn(g), t, field)
+        return self.configured(state, constants)._replace(g=self.turn(g), t=t, field=field)
+
+    def configured(self, state: State, constants: Constants) -> Body:
+        """The body with this state."""
+        return Body(self.model.system, state, constants, self.model.axes)
 
     def sampled(self, z: State, constants: Constants) -> State:
         """The variables after a sample, if one is due."""
         (state, g, carried), places = self.apart(z), self.changed
         kinds = [self.model.system.space.kinds[i] for i in places]
-        axes, n = self.model.axes, self.model.n
 
         def after() -> Array:
             body = self.body(state, g, carried, 0, constants)
-            new, work = control.sampled(self.model.system, body, g[0], constants, axes)
+            new, work = control.sampled(body, g[0])
             return algebra.flatten((*(new[i] for i in places), carried[WORK] + work), (*kinds, "scalar"))
 
         ratio = carried[COUNT] * constants["_sample"]
@@ -161,7 +163,7 @@ class Splitting:
             flat = algebra.where_less(0, near * near - apart * apart, after(), before)
         else:
             flat = algebra.if_positive(near * near - apart * apart, after, before)
-        *changed, work = algebra.restore(flat, (*kinds, "scalar"), n)
+        *changed, work = algebra.restore(flat, (*kinds, "scalar"), self.model.n)
         new = dict(enumerate(state)) | dict(zip(places, changed, strict=True))
         return (*new.values(), *g, *(carried | {WORK: work}).values())
 
@@ -189,7 +191,8 @@ class Splitting:
     def where(self, z: State, constants: Constants) -> Body:
         """The body at a node of the step."""
         state, g, carried = self.apart(z)
-        return Body(state, self.turn(g), self.time(carried, constants["_node"], constants))
+        time = self.time(carried, constants["_node"], constants)
+        return self.configured(state, constants)._replace(g=self.turn(g), t=time)
 
     def turn(self, g: State) -> Array | None:
         """The orientation as a matrix."""
@@ -211,7 +214,7 @@ class Splitting:
         self, state: State, g: State, carried: dict[str, Array], h: Array, constants: Constants
     ) -> tuple[State, State, dict[str, Array]]:
         """The integrable motion, with the momenta of wheels as the kicks before it left them."""
-        h_of_wheels = kicks.momentum_of_wheels(self.model.system, state, constants)
+        h_of_wheels = kicks.momentum_of_wheels(self.configured(state, constants))
         if h_of_wheels is not None:
             constants = {**constants, STORED: h_of_wheels}
         count = len(self.record.base.space.letters)
@@ -255,17 +258,17 @@ class Splitting:
                 return tuple(x + y for x, y in zip(of_part, rates, strict=True)), power
 
             oriented, additions = body._replace(g=self.turn(g)), None if left is None and pulled is None else others
-            state, gained = kicks.kicked(self.model.system, oriented, h, constants, self.model.axes, additions)
+            state, gained = kicks.kicked(oriented, h, additions)
         for turn in self.turns[::-1]:
             state, g = turn(state, g, h / 2, constants)
         state, after = self._damped(state, h / 2, constants)
         return state, g, gained + after
 
     def _damped(self, state: State, h: Array, constants: Constants) -> tuple[State, Any]:
-        system = self.model.system
+        body = self.configured(state, constants)
         if self.rubs:
-            return kicks.rubbed(system, state, h, constants)
-        return kicks.decayed(system, state, h, constants, self.model.axes) if self.record.damping else (state, 0)
+            return kicks.rubbed(body, h)
+        return kicks.decayed(body, h) if self.record.damping else (state, 0)
 
     def begin(self, x: State) -> State:
         """The state and the orientation with the other values at time 0."""
