@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel.forces import kicks
-from kreisel.forces.invariants import conserved, conserved_totals
+from kreisel.forces.records import conserved, conserved_totals
 from kreisel.kernels.coupled import CoupledEngine
 from kreisel.method.splitting import Splitting
 from kreisel.record.model import Model

@@ -13,8 +13,8 @@ import pytest
 import kreisel as kr
 from kreisel import algebra
 from kreisel.forces import kicks
-from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body, turns_of
+from kreisel.forces.records import conserved
 from kreisel.method import auto
 from kreisel.record.model import Model
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import kreisel as kr
-from kreisel.forces.invariants import conserved
+from kreisel.forces.records import conserved
 from support import cross
 
 TOP = kr.LagrangeTop(p=(0, 0, 1), alpha=0.5)

@@ -17,14 +17,15 @@ from ppigrf import igrf_gc
 import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra import gradient
-from kreisel.bodies import BODIES, environment
+from kreisel.bodies import BODIES
+from kreisel.bodies import orbit as page_of_orbits
 from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Satellite
 from kreisel.physical import environment as earth
 from kreisel.runs.geometry import environment_of
 from sizes import FULL
 from torques import torque_on
 
-formulas = cast("Any", environment)  # of a page, without types
+formulas = cast("Any", page_of_orbits)  # of a page, without types
 iers.conf.auto_download, iers.conf.auto_max_age = False, None
 iers.conf.iers_degraded_accuracy = "ignore"
 R = 6_371_200.0
@@ -241,7 +242,7 @@ MUTANTS: dict[str, tuple[Any, Any]] = {  # a name of the page, a wrong value, an
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_wrong_page_is_seen(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     wrong, test = MUTANTS[name]
-    monkeypatch.setattr(environment, name, wrong)
+    monkeypatch.setattr(page_of_orbits, name, wrong)
     with pytest.raises(AssertionError):
         test()
 

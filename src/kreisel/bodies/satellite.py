@@ -11,7 +11,7 @@ State M in so(3)*, the momentum in the principal axes (body frame), and the orie
         - light A (n.s)+ ((1 - mirror) s + 2 (mirror (n.s) + diffuse/3) n)           in sunlight, s to the Sun
 
 The field B' of the coefficients `gauss`, s, the density, the velocity v in the air, and light = pressure (part of the
-Sun's disc that is seen) (1 au/distance)^2 are functions of time of `kreisel.bodies.environment`.  B' has no potential
+Sun's disc that is seen) (1 au/distance)^2 are functions of time of `kreisel.bodies.orbit`.  B' has no potential
 here: the derivative in time of a field of degree 13, for the work, would cost three times as much as the field.
 
 At the corner of (x)+ no method has an order above 2.
@@ -33,17 +33,21 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import cross, sqrt
-from kreisel.bodies.environment import ENVIRONMENT, NAMES, around, of_dipole, ramp
 from kreisel.bodies.orbit import (
     EARTH,
+    ENVIRONMENT,
+    NAMES,
     ORBIT,
     PATH,
+    around,
     check_not_negative,
     check_pericentre,
     doubtful_orbit,
     expected,
+    of_dipole,
     of_elements,
     place,
+    ramp,
 )
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record

@@ -17,10 +17,9 @@ from kreisel.algebra import Array
 from kreisel.algebra.recorded import run
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import kicks
-from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.product import constants_of_pairs, parameters_of_pairs, product
-from kreisel.forces.records import perturbed_record
+from kreisel.forces.records import perturbed_record, surviving_parts
 from kreisel.record import table
 from kreisel.record.body import as_body
 from kreisel.record.calling import Portable, arguments_of, call, keywords, naming

@@ -11,9 +11,9 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.forces import kicks
-from kreisel.forces.invariants import conserved_totals
 from kreisel.forces.kicks import ORIENTATION, Body
 from kreisel.forces.product import constants_of_pairs
+from kreisel.forces.records import conserved_totals
 from kreisel.method.scheme import BALANCE, WORK, Coupling, Outcome
 from kreisel.record.contract import System
 from kreisel.record.model import Model

@@ -33,10 +33,10 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact import quadrics, rotor_step, top_step
 from kreisel.forces import control, kicks
-from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of, require_principal, turns_of
 from kreisel.forces.product import Factor, of_bodies
-from kreisel.method import driven, observing
+from kreisel.forces.records import conserved
+from kreisel.method import driven
 from kreisel.method.composition import Splitting as Fractions
 from kreisel.method.composition import corrector, inverse, splitting, symmetric_composition
 from kreisel.method.scheme import (

@@ -16,9 +16,17 @@ Arguments are floats in SI units, or quantities: mass="3 kg", spin="180 rpm" (`k
 from __future__ import annotations
 
 from kreisel.physical.binary import Binary, GravityBody, ThirdBody
-from kreisel.physical.control import Control, Wheels, bdot, hysteresis_rods, magnetic_damping, pointing, sun_pointing
-from kreisel.physical.ensemble import Ensemble
-from kreisel.physical.forced import EddyCurrents
+from kreisel.physical.body import Ensemble
+from kreisel.physical.control import (
+    Control,
+    EddyCurrents,
+    Wheels,
+    bdot,
+    hysteresis_rods,
+    magnetic_damping,
+    pointing,
+    sun_pointing,
+)
 from kreisel.physical.free_body import AxisStability, FreeBody, FreeRotation
 from kreisel.physical.heavy_body import Gyroscope, HeavyBody, Motion
 from kreisel.physical.measures import STANDARD_GRAVITY

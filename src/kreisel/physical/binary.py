@@ -18,7 +18,7 @@ from kreisel.bodies import BODIES, satellite
 from kreisel.bodies import binary as formulas_of_pairs
 from kreisel.bodies.binary import G
 from kreisel.errors import InputError, explained, shown
-from kreisel.physical.ensemble import Varied
+from kreisel.physical.body import Varied
 from kreisel.physical.measures import (
     attitude_quaternion,
     convert_fields,

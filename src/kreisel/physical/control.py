@@ -1,8 +1,8 @@
 """Controllers of bodies: a law that is compiled with the steps, reaction wheels, laws that are known.
 
-These are B-dot, damping by magnets, pointing by wheels, pointing at the Sun, hysteresis rods.  Vectors are along the
-body axes, B is the field, b = B/|B|, w the angular velocity of the body, h the momentum of its wheels.  A dipole
-m = B x T/|B|^2 exerts T - b (b.T), the part of a torque T that magnets can exert.
+The laws are B-dot, damping by magnets, pointing by wheels and at the Sun, hysteresis rods and eddy currents.  Vectors
+are along the body axes, B is the field, b = B/|B|, w the angular velocity of the body, h the momentum of its wheels.  A
+dipole m = B x T/|B|^2 exerts T - b (b.T), the part of a torque T that magnets can exert.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from kreisel.record.calling import arguments_of
 from kreisel.record.contract import Parameter
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIELDS, Controller
-from kreisel.record.values import is_vector, shape_of
+from kreisel.record.values import CLOSE, is_vector, shape_of
 from kreisel.runs.in_si import ADDED, MEANINGS
 
 OF_RUNS = {*"agmMP", *MEANINGS, *ADDED, "energy", WORK, BALANCE, QUEUE, GENERATOR}  # variables, and letters of states
@@ -424,3 +424,29 @@ class _Rods:
         r = algebra.sqrt(1 + x * x)
         B = 2 * Bs / np.pi * arcsine(x / r, 1 / r)
         return {"dipole": (self.volume * B / MU_0) @ self.axes, "inner": y, "before": H, "begun": begun * 0 + 1.0}
+
+
+@explained
+@dataclass(frozen=True, eq=False)
+class EddyCurrents:
+    """The torque of eddy currents in a conducting body, `torque=` of a `Satellite`: (T (Omega x B - B_rate)) x B.
+
+    tensor     T, S m^4, (3, 3) along the body axes, its diagonal, or one value; B_rate is the rate of the field along
+               the orbit, in space
+
+    [N. Ortiz Gomez, S. J. I. Walker, Acta Astronautica 114 (2015) 34; L. B. M. Sagnieres, thesis, McGill University,
+    2018, equation 2.20]
+    """
+
+    tensor: Any
+
+    def __post_init__(self) -> None:
+        value = si_numbers(self.tensor, "S m^4", "tensor", ((), (3,), (3, 3)))
+        tensor = value * np.eye(3) if value.ndim < 2 else value
+        if abs(tensor - tensor.T).max() > CLOSE * abs(tensor).max() or np.linalg.eigvalsh(tensor)[0] < 0:
+            raise InputError(f"tensor: expected a symmetric matrix with eigenvalues >= 0, got {shown(self.tensor)}.")
+        object.__setattr__(self, "tensor", tensor)
+
+    def __call__(self, Omega: Any, B: Any, B_rate: Any) -> Any:
+        """The torque (3,), N m."""
+        return algebra.cross(self.tensor @ (algebra.cross(Omega, B) - B_rate), B)

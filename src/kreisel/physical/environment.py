@@ -2,7 +2,7 @@
 
 Dates are days of UTC after 2000-01-01 12:00; UTC is used for UT1 and TT, which differ from it by less than 1 s and by
 69 s.  Space is the frame of the mean equator and the mean equinox at the epoch.  The results are parameters of
-`kreisel.bodies.environment`.
+`kreisel.bodies.orbit`.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ FIELDS = ("igrf", "dipole", "tilted-dipole")
 
 
 def environment_of(body: Satellite) -> dict[str, Any]:
-    """Parameters of `kreisel.bodies.environment` for a satellite, or for all lanes.  Raises `InputError`."""
+    """Parameters of `kreisel.bodies.orbit` for a satellite, or for all lanes.  Raises `InputError`."""
     orbit, sun, eclipse = body.orbit, body.sun, body.eclipse
     dated = orbit.epoch is not None and orbit.primary.earthly
     magnetic_field = body.magnetic_field or ("igrf" if dated else "dipole")

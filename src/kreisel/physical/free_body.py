@@ -21,7 +21,7 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.exact.nutation import rationals
 from kreisel.exact.rotor import Rotor
 from kreisel.method.scheme import Orbits, Scheme, Spin
-from kreisel.physical.forced import Forced
+from kreisel.physical.body import Forced
 from kreisel.physical.measures import (
     Principal,
     convert_fields,

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
-from kreisel.physical.forced import Forced
+from kreisel.physical.body import Forced
 from kreisel.physical.measures import (
     STANDARD_GRAVITY,
     attitude_quaternion,

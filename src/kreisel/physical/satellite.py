@@ -16,7 +16,7 @@ from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
 from kreisel.forces.body import MOTION, PLACE
 from kreisel.physical import environment as earth
-from kreisel.physical.forced import Forced, by_functions
+from kreisel.physical.body import Forced, by_functions
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.measures import (
     attitude_quaternion,

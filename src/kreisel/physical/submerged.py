@@ -15,8 +15,7 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES
 from kreisel.errors import InputError, explained, shown
 from kreisel.files import place
-from kreisel.physical.ensemble import Varied
-from kreisel.physical.forced import Forced
+from kreisel.physical.body import Forced, Varied
 from kreisel.physical.measures import (
     STANDARD_GRAVITY,
     attitude_quaternion,

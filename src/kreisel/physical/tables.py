@@ -22,7 +22,7 @@ from typing import Any
 
 from kreisel import physical
 from kreisel.errors import Faults, InputError, hint, shown
-from kreisel.physical.ensemble import Varied
+from kreisel.physical.body import Varied
 from kreisel.record.body import Body
 from kreisel.record.model import State
 from kreisel.record.units import QUANTITY, si
