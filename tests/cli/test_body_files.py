@@ -14,7 +14,7 @@ import trimesh
 import kreisel as kr
 from kreisel import cli
 from kreisel.cli.configuration import parse, parse_sweep, read
-from kreisel.cli.new import SAMPLES, text_of_body
+from kreisel.cli.new import samples, text_of_body
 from kreisel.errors import Faults
 from kreisel.physical import (
     SATURN,
@@ -52,8 +52,8 @@ def mistakes(text: str) -> list[str]:
 
 
 def test_every_body_has_a_file_that_plans() -> None:
-    assert kinds().keys() == SAMPLES.keys()
-    for name in SAMPLES:
+    assert kinds().keys() == samples().keys()
+    for name in samples():
         text = text_of_body(name, Path("x.toml"))
         assert max(map(len, text.split("\n"))) <= 120
         asked = parse(tomllib.loads(text))

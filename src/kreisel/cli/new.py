@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
-import json
 import sys
 import tempfile
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+import tomllib
+from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from kreisel.cli.checkcases import files_of
 from kreisel.cli.output import OverwriteFile, a_path, app, arg, opt, say, system_names
@@ -24,149 +25,35 @@ HEAD = "# Written by `kreisel new`"  # the mark by which --overwrite recognises 
 STEPS, EVERY = 10_000, 5
 SWEEP_STEPS, SWEEP_EVERY = 2048, 4
 VARIED = 10  # values of a varied quantity
+WIDTH = 118
 GYROSTATS = ("zhukovsky-volterra", "kovalevskaya-gyrostat")
 
 
-# -- bodies in SI units, with data that a person would begin with ---------------------------------------
+# -- bodies in SI units -------------------------------------------------------------------------------
 
 
-WIDTH = 118
+@cache
+def samples() -> dict[str, dict[str, str]]:
+    """The bodies of bodies.toml: a sentence about each, and the lines of [body], [state] and [run]."""
+    from importlib import resources
 
-
-class Sample(NamedTuple):
-    """A body to begin with, as sections of a file; comments on their lines, by "section.key"."""
-
-    about: str
-    body: dict[str, Any]
-    state: dict[str, Any]
-    run: dict[str, Any]
-    comments: dict[str, str]
-
-
-ORBIT = {"altitude": "500 km", "inclination": "97.4 deg"}
-SAMPLES = {
-    "gyroscope": Sample(
-        "A spinning top of 100 g on its point, tilted by 30 degrees, at 3000 rpm: it precesses and nods.",
-        {"shape": "flat", "mass": "100 g", "axial_moment": "360 g cm^2", "lever": "3 cm"},
-        {"tilt": "30 deg", "spin": "3000 rpm"},
-        {"dt": "1 ms", "t_end": "10 s", "every": "5 ms"},
-        {
-            "body.shape": "leave it out for a top that is not flat, and add transverse_moment, about the point",
-            "body.axial_moment": "about the axis of symmetry",
-            "body.lever": "from the point to the centre of mass",
-            "state.tilt": "from the upward vertical",
-            "state.spin": "about the axis; precession and nutation are 0: released from rest",
-        },
-    ),
-    "heavy-body": Sample(
-        "A plate of 1.2 kg on a pivot 11 cm from its centre of mass, which rotates at 300 rpm about its third axis.",
-        {
-            "shape": "about_centre",
-            "mass": "1.2 kg",
-            "inertia": ["40 kg cm^2", "90 kg cm^2", "130 kg cm^2"],
-            "arm": ["0 cm", "5 cm", "10 cm"],
-        },
-        {"angular_velocity": ["0 rpm", "60 rpm", "300 rpm"]},
-        {"dt": "1 ms", "t_end": "10 s", "every": "5 ms", "order": 4},
-        {
-            "body.shape": "the inertia is about the centre of mass; leave it out for one about the pivot",
-            "body.inertia": 'or a tensor, [[[40, 0, 0], [0, 90, 0], [0, 0, 130]], "kg cm^2"]',
-            "body.arm": "from the pivot to the centre of mass, along the body axes",
-            "state.angular_velocity": "along the body axes; the third points up",
-        },
-    ),
-    "free-body": Sample(
-        "A book thrown into the air, spinning about its middle axis: it flips again and again.",
-        {"mass": "0.9 kg", "sides": ["3 cm", "17 cm", "24 cm"]},
-        {"spin": ["0.2 rpm", "120 rpm", "0.1 rpm"]},
-        {"dt": "2 ms", "t_end": "20 s", "every": "10 ms"},
-        {
-            "body.sides": "of a box; or diameters of an ellipsoid; or inertia = [[...]], any tensor",
-            "state.spin": "along the body axes",
-        },
-    ),
-    "ellipsoid": Sample(
-        "An ellipsoid of 30 x 20 x 10 cm in water, as heavy as that water, moving along its long axis.",
-        {"semi_axes": ["15 cm", "10 cm", "5 cm"], "density": "998.2 kg/m^3", "fluid_density": "998.2 kg/m^3"},
-        {"velocity": ["10 cm/s", "1 mm/s", "0 m/s"], "angular_velocity": ["0 rpm", "0.2 rpm", "0.1 rpm"]},
-        {"dt": "50 ms", "t_end": "100 s", "every": "100 ms"},
-        {"state.velocity": "along the body axes; this motion is unstable: the body swings broadside on"},
-    ),
-    "submerged-body": Sample(
-        "A torpedo of 20 kg in water: added masses, drag, its centre of mass 2 cm ahead of buoyancy and 2 cm below.",
-        {
-            "mass": "20 kg",
-            "inertia": ["0.1 kg m^2", "1.6 kg m^2", "1.6 kg m^2"],
-            "added_mass": [1.0, 18.0, 18.0, 0.0, 1.6, 1.6],
-            "center_of_mass": ["2 cm", "0 cm", "-2 cm"],
-            "linear_drag": [2.0, 10.0, 10.0, 0.1, 2.0, 2.0],
-            "quadratic_drag": [1.0, 60.0, 60.0, 0.05, 5.0, 5.0],
-        },
-        {"velocity": ["1.5 m/s", "0 m/s", "0 m/s"], "angular_velocity": ["0 deg/s", "3 deg/s", "3 deg/s"]},
-        {"dt": "20 ms", "t_end": "30 s"},
-        {
-            "body.added_mass": "diagonal of the 6 x 6 matrix: kg and kg m^2",
-            "body.linear_drag": "N s/m and N m s",
-            "body.quadratic_drag": "N s^2/m^2 and N m s^2",
-        },
-    ),
-    "binary": Sample(
-        "Didymos and its moon Dimorphos, on a slightly eccentric orbit: the moon librates.",
-        {
-            "primary": {"mass": "5.557e11 kg", "diameters": ["849 m", "851 m", "620 m"]},
-            "secondary": {"mass": "4.3e9 kg", "diameters": ["177 m", "174 m", "116 m"]},
-        },
-        {"semi_major_axis": "1206 m", "eccentricity": 0.03, "spin1": ["0 rad/s", "0 rad/s", "7.722e-4 rad/s"]},
-        {"dt": "1 hour", "t_end": "30 days"},
-        {
-            "body.primary.diameters": 'or mesh = "shape.obj", length = "km"; love and lag for tides',
-            "state.semi_major_axis": "of the secondary relative to the primary; or separation of a circular orbit",
-            "state.spin1": "of the primary, along its axes; without spin2 the secondary rotates with the orbit",
-        },
-    ),
-    "satellite": Sample(
-        "A CubeSat of three units at 500 km, tumbling at 5 degrees a second, with a weak magnet.",
-        {"units": 3, "magnetic_moment": ["0 A m^2", "0 A m^2", "0.01 A m^2"], "orbit": ORBIT},
-        {"spin": ["4 deg/s", "2.5 deg/s", "-1.5 deg/s"]},
-        {"dt": "10 s", "t_end": "190 min"},
-        {
-            "body.units": 'of 10 cm, along axis 1; or inertia = [[...]] of any satellite, or mesh = "bus.stl"',
-            "body.orbit.altitude": "or elements: semi_major_axis, eccentricity, inclination, node, perigee",
-            "state.spin": "along the body axes; leave it out for a satellite at rest against its orbit",
-        },
-    ),
-    "asteroid": Sample(
-        "A moon like Saturn's Hyperion on its eccentric orbit: it tumbles chaotically.",
-        {
-            "mass": "5.62e18 kg",
-            "diameters": ["380 km", "290 km", "228 km"],
-            "orbit": {"semi_major_axis": "1.481e6 km", "eccentricity": 0.1, "primary": "saturn"},
-        },
-        {"spin": ["0 deg/day", "4 deg/day", "35 deg/day"]},
-        {"dt": "3 hour", "t_end": "1 year"},
-        {
-            "body.diameters": "of an ellipsoid of constant density",
-            "body.orbit.primary": "or earth, sun, or { name = ..., mu = ..., radius = ... }",
-            "state.spin": "along the body axes",
-        },
-    ),
-}
+    return tomllib.loads(resources.files("kreisel.cli").joinpath("bodies.toml").read_text(encoding="utf-8"))
 
 
 def text_of_body(name: str, target: Path) -> str:
     """The TOML file of a body, ready to run."""
     from kreisel.physical.tables import kinds
 
-    sample, kind = SAMPLES[name], kinds()[name]
+    sample, kind = samples()[name], kinds()[name]
     keys = (
         f"Keys of [body] and [state] are arguments of kr.physical.{kind.__name__} and of its state; values without a "
         "unit are in SI, vectors along the body axes."
     )
-    optional = ", ".join(k for k in inspect.signature(kind).parameters if k not in (*sample.body, "self"))
-    tables = {"body": sample.body, "state": sample.state, "run": sample.run}
-    sections = {key: [*_section(table, key, sample.comments)] for key, table in tables.items()}
+    stated = tomllib.loads(f"[body]\n{sample['body']}")["body"]
+    optional = ", ".join(k for k in inspect.signature(kind).parameters if k not in (*stated, "self"))
+    sections = {key: sample[key].split("\n") for key in ("body", "state", "run")}
     sections["body"] = [f'kind = "{name}"', *comments(f"more: {optional}"), *sections["body"]]
-    return _file(name, [sample.about, keys], sections, target)
+    return _file(name, [sample["about"], keys], sections, target)
 
 
 def _file(name: str, about: Iterable[str], sections: dict[str, list[str]], target: Path, verb: str = "run") -> str:
@@ -176,15 +63,6 @@ def _file(name: str, about: Iterable[str], sections: dict[str, list[str]], targe
     for section, settings in (*sections.items(), ("output", [f'path = "{target.stem}.zarr"', *figure])):
         lines += ["", f"[{section}]", *settings]
     return "\n".join(lines) + "\n"
-
-
-def _section(table: Mapping[str, Any], section: str, comments: Mapping[str, str]) -> Iterator[str]:
-    inner = {k: v for k, v in table.items() if isinstance(v, dict)}
-    for key, value in table.items():
-        if key not in inner:
-            yield from commented(f"{key} = {json.dumps(value)}", comments.get(f"{section}.{key}"))
-    for key, value in inner.items():
-        yield from ("", f"[{section}.{key}]", *_section(value, f"{section}.{key}", comments))
 
 
 def commented(setting: str, meaning: str | None) -> list[str]:
@@ -205,7 +83,7 @@ def comments(*paragraphs: str) -> list[str]:
 def new(
     name: str | None = arg(
         "A body: gyroscope, satellite, ...; a system (kreisel systems); with --lagrangian any name.",
-        lambda: (*SAMPLES, *system_names()),
+        lambda: (*samples(), *system_names()),
     ),
     case: str | None = arg("A check case, after the name checkcase."),
     out: Path | None = a_path("The file to write, by default NAME.toml.", "--out", "-o"),
@@ -226,8 +104,8 @@ def new(
         raise InputError("kreisel new: expected a system, or checkcase NAME; `kreisel checkcase` lists the cases.")
     if name is None:
         raise InputError(
-            f"kreisel new: expected a body, {', '.join(SAMPLES)}, or a system, such as lagrange-top; `kreisel systems` "
-            "lists them."
+            f"kreisel new: expected a body, {', '.join(samples())}, or a system, such as lagrange-top; "
+            "`kreisel systems` lists them."
         )
     if lagrangian and (name in KNOWN or not name.replace("-", "").replace("_", "").isalnum()):
         raise InputError(f"--lagrangian: expected a new name, such as my-top, got {name!r}.")
@@ -241,9 +119,9 @@ def new(
         files = {code: LAGRANGIAN.format(head=HEAD, name=name), target: _of_lagrangian(name, target, code)}
     elif perturbed:
         files = forced(example(system_named(name), n), f"my-{name}", target, code)
-    elif name in SAMPLES and not swept and n is None:
+    elif name in samples() and not swept and n is None:
         files = {target: text_of_body(name, target)}
-    elif name in SAMPLES and name not in KNOWN:
+    elif name in samples() and name not in KNOWN:
         raise InputError(f"kreisel new: expected a system for --sweep and --n, got the body {name}.")
     else:
         files = {target: text_of(example(system_named(name), n), target, swept)}
@@ -260,11 +138,11 @@ def system_named(name: str) -> System:
     """The system of that name.  Raises `InputError`, which names bodies of `kr.physical` too."""
     from kreisel.bodies import KNOWN
 
-    if name in SAMPLES and name not in KNOWN:
+    if name in samples() and name not in KNOWN:
         raise InputError(
             f"expected a system, got {name}, a body of kr.physical. `kreisel new {name}` writes a TOML file of its run."
         )
-    return find(name, KNOWN, SAMPLES)
+    return find(name, KNOWN, samples())
 
 
 def text_of(sample: Example, target: Path, swept: bool = False) -> str:

@@ -22,13 +22,13 @@ def systems(
 ) -> None:
     """List the systems, or print the record of one."""
     from kreisel.bodies import BODIES, KNOWN
-    from kreisel.cli.new import SAMPLES, system_named
+    from kreisel.cli.new import samples, system_named
     from kreisel.viewer.record import record, summary, table
 
     _records(name, as_json, system_named, KNOWN.values(), summary, record, table)
     if name is None and not as_json:
         print(f"\nThe last {len(BODIES)} are bodies under forces, in SI units and in axes that suit the equations.")
-        print(f"Bodies of kr.physical, for `kreisel new NAME` and [body] of a TOML file: {', '.join(SAMPLES)}.")
+        print(f"Bodies of kr.physical, for `kreisel new NAME` and [body] of a TOML file: {', '.join(samples())}.")
 
 
 def _records(
