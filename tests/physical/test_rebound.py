@@ -935,7 +935,7 @@ def test_broken_files(tmp_path: Path) -> None:
     with np.load(io.BytesIO(whole)) as file:
         parts = dict(file)
     np.savez(path, **{**parts, "z": parts["z"][:, :5]})
-    with pytest.raises(kr.InputError, match=r"expected format 3"):
+    with pytest.raises(kr.InputError, match=r"expected format 4"):
         load(path)
     np.savez(path, **{**parts, "simulation": parts["simulation"][:50]})
     with pytest.raises(kr.RunError, match="REBOUND could not read"):
