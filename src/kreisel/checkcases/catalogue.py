@@ -17,7 +17,7 @@ import numpy as np
 from kreisel.algebra import Array, floats
 from kreisel.algebra.reuse import cached_property
 from kreisel.checkcases import laws
-from kreisel.checkcases.laws import FREE, Law, arrays, dot, exact, inverse, real, rotated, rotation, times
+from kreisel.checkcases.laws import FREE, QUANTITIES, Law, arrays, dot, exact, inverse, real, rotated, rotation, times
 from kreisel.checkcases.taylor import Solution
 from kreisel.errors import InputError, explained, shown
 
@@ -30,15 +30,6 @@ ABOUT = ("title", "about", "source", "law", "duration", "bits")
 Numbers = Mapping[str, Any]  # rational, in SI
 BITS = 112  # of the Taylor series: 33 digits, of which the bound of the error leaves 14 or more
 ROWS = 301
-UNITS = {
-    "angular_velocity": ("rad/s", "angular velocity along the body axes"),
-    "angular_velocity_space": ("rad/s", "angular velocity along the axes of space"),
-    "attitude": ("1", "attitude, a unit quaternion (w, x, y, z), body to space"),
-    "momentum": ("kg m^2/s", "angular momentum along the axes of space"),
-    "energy": ("J", "energy"),
-    "position": ("m", "position in space"),
-    "velocity": ("m/s", "velocity along the body axes"),
-}
 
 
 class Answer(NamedTuple):
@@ -149,7 +140,7 @@ class Case:
             name: (
                 ("time", "component" if array.shape[-1] == 4 else "axis")[: array.ndim],
                 array,
-                dict(zip(("units", "long_name"), UNITS[name], strict=True)),
+                dict(zip(("units", "long_name"), QUANTITIES[name][:2], strict=True)),
             )
             for name, array in values.items()
         }
@@ -177,7 +168,7 @@ class Case:
             out["energy"] = 0.5 * dot(w, times(p["I"], w)) + self.law.potential(w, q, x, p)
         at = 7
         for name, count in self.law.further:
-            if name in UNITS:
+            if name in QUANTITIES:
                 out[name] = states[:, at : at + count]
             at += count
         if self.arm is not None:

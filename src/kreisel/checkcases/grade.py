@@ -11,22 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array, floats
-from kreisel.checkcases.laws import FLUID, dot, rotation
+from kreisel.checkcases.laws import FLUID, QUANTITIES, dot, rotation
 from kreisel.checkcases.mistakes import SIGNIFICANT, Mistake, body_rates, differences, likely, misfit, size
 from kreisel.errors import InputError, shown
 
 if TYPE_CHECKING:
     from kreisel.checkcases.catalogue import Case
 
-WIDTHS = {
-    "angular_velocity": 3,
-    "angular_velocity_space": 3,
-    "attitude": 4,
-    "momentum": 3,
-    "position": 3,
-    "velocity": 3,
-    "energy": 0,
-}
 NORM = 0.01  # largest error of the norm of the first quaternion
 CLOSE = 1e-3  # relative
 LARGEST = 1e100  # number
@@ -195,9 +186,10 @@ def increasing(times: Array, source: str = "times") -> Array:
 
 def checked(name: str, value: Any, count: int) -> Array:
     """The array of a quantity.  Raises `InputError`."""
-    if name not in WIDTHS:
-        raise InputError(f"grade: expected one of {', '.join(WIDTHS)}, got {shown(name)}.")
-    array, shape = floats(value), (count, WIDTHS[name]) if WIDTHS[name] else (count,)
+    if name not in QUANTITIES:
+        raise InputError(f"grade: expected one of {', '.join(QUANTITIES)}, got {shown(name)}.")
+    array, width = floats(value), QUANTITIES[name][2]
+    shape = (count, width) if width else (count,)
     if array.shape != shape:
         raise InputError(f"{name}: expected finite values of shape {shape}, got {shown(value)}.")
     if not (finite := np.abs(array) < LARGEST).all():

@@ -24,6 +24,15 @@ DIGITS = 110
 NUMBER = re.compile(r"-?[\d.]+(e-?\d+|/\d+)?")
 POUND, FOOT, GRAVITY = Fraction("0.45359237"), Fraction("0.3048"), Fraction("9.80665")  # by definition, kg, m, m/s^2
 SLUG = POUND * GRAVITY / FOOT
+QUANTITIES = {  # of a motion: unit, meaning, components
+    "angular_velocity": ("rad/s", "angular velocity along the body axes", 3),
+    "angular_velocity_space": ("rad/s", "angular velocity along the axes of space", 3),
+    "attitude": ("1", "attitude, a unit quaternion (w, x, y, z), body to space", 4),
+    "momentum": ("kg m^2/s", "angular momentum along the axes of space", 3),
+    "position": ("m", "position in space", 3),
+    "velocity": ("m/s", "velocity along the body axes", 3),
+    "energy": ("J", "energy", 0),
+}
 
 
 def real(function: Callable[..., Any], *arguments: Fraction) -> Fraction:
@@ -142,10 +151,23 @@ class Law(NamedTuple):
     stored: Callable[[Any], Any] = lambda p: [0.0, 0.0, 0.0]
     scaled: tuple[str, ...] = ()
 
-    def flow(self, w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
-        """The rates of w, q, x."""
-        push = [t - g for t, g in zip(self.torque(w, q, x, p), cross(w, times(p["I"], w)), strict=True)]
-        return [*times(p["inverse"], push), *quaternion_rate(q, w), *self.rates(w, q, x, p)]
+    def flow(
+        self,
+        w: Vector,
+        q: Vector,
+        x: Vector,
+        p: Any,
+        *,
+        gyroscopic: float = 1,
+        damping: float = 0,
+        torque: Any = None,
+        rate: Callable[[Vector, Vector], list[Any]] = quaternion_rate,
+    ) -> list[Any]:
+        """The rates of w, q, x: I w' = torque - gyroscopic w x I w - damping I w, q' = rate(q, w)."""
+        m = times(p["I"], w)
+        terms = zip((torque or self.torque)(w, q, x, p), cross(w, m), m, strict=True)
+        push = [t - gyroscopic * g - damping * v for t, g, v in terms]
+        return [*times(p["inverse"], push), *rate(q, w), *self.rates(w, q, x, p)]
 
 
 def _gravity_gradient(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:

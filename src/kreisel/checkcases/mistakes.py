@@ -177,7 +177,7 @@ class _Trials:
         begin = -float((decay * self.rows).sum() / (2 * (self.rows**2).sum()))
 
         def predicted(gyroscopic: int, rate: float) -> Quantities:
-            flow = _flow(self.case, constants, gyroscopic, rate)
+            flow = _flow(self.case, constants, gyroscopic=gyroscopic, damping=rate)
             return self.case.quantities(_solved(flow, start, BEYOND * self.rows[-1])(self.rows))
 
         for gyroscopic, text in ((1, ""), (0, "w x I w is left out, and ")):
@@ -276,26 +276,16 @@ def _wrong(case: Case) -> dict[str, tuple[Flow, list[float]]]:
     return {sentence: (flow, start) for sentence, flow in flows.items()} | moved
 
 
-def _flow(
-    case: Case, p: Any, gyroscopic: float = 1, damping: float = 0, torque: Any = None, rate: Any = quaternion_rate
-) -> Flow:
-    """I w' = torque - gyroscopic w x I w - damping I w, with the rate of q."""
-    torque = torque or case.law.torque
-
-    def flow(w: list[float], q: list[float], x: list[float]) -> list[float]:
-        m = times(p["I"], w)
-        terms = zip(torque(w, q, x, p), cross(w, m), m, strict=True)
-        push = [t - gyroscopic * g - damping * v for t, g, v in terms]
-        return [*times(p["inverse"], push), *rate(q, w), *case.law.rates(w, q, x, p)]
-
-    return flow
+def _flow(case: Case, p: Any, **mistakes: Any) -> Flow:
+    """The equations of a case with these options of `Law.flow`."""
+    return lambda w, q, x: case.law.flow(w, q, x, p, **mistakes)
 
 
 def _not_turned(case: Case, p: Any) -> Flow:
     def flow(w: list[float], q: list[float], x: list[float]) -> list[float]:
         R = np.array(rotation(q))
         constants = {**p, **{name: (R.T @ p[name] @ R).tolist() for name in ("I", "inverse")}}
-        return _flow(case, constants, torque=lambda w, q, x, _: case.law.torque(w, q, x, p))(w, q, x)
+        return case.law.flow(w, q, x, constants, torque=lambda w, q, x, _: case.law.torque(w, q, x, p))
 
     return flow
 

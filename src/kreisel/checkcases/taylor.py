@@ -131,7 +131,6 @@ class Solution:
     def _bounded(self, graph: Graph) -> Array:
         """The bounds of the error at the end of each piece."""
         slopes, entries = _jacobian(graph, self._field.outputs)
-        jacobian = _Operations(slopes, list(entries.values()))
         unit, order = math.ldexp(1.0, -self.bits), self.order
         parameters = [value * unit for value in self._parameters]
         scale = self._balance(slopes, entries, parameters)
@@ -141,10 +140,8 @@ class Solution:
         for piece in self.pieces:
             length = float(piece.length)
             models = _Models(parameters, piece.coefficients, order, unit)
-            values = self._field.run(models)
-            defects = [length * models.of(v, values).remainder + rounding for v in self._field.outputs]
-            rates = jacobian.run(models)
-            of = {place: models.of(output, rates) for place, output in entries.items()}
+            defects = [length * model.remainder + rounding for model in models.run(graph, self._field.outputs)]
+            of = dict(zip(entries, models.run(slopes, list(entries.values())), strict=True))
             growth, outward = (length * rate + TUBE * length for rate in _growth(of, scale, powers))
             defect = float(np.linalg.norm(defects / scale))
             bounds.append(math.exp(outward * INFLATION) * (error + defect) * INFLATION * scale)
@@ -229,16 +226,6 @@ class _Operations:
             return values[output.at], -1 if output.negative else 1
         return [_fixed(Fraction(float(output)), bits)], 1
 
-    def run(self, models: _Models) -> dict[int, _Model]:
-        """The Taylor model of every operation."""
-        of = {at: models.state(index) for at, index in self.states}
-        of.update({at: models.parameter(index) for at, index in self.parameters})
-        of.update({key: models.number(value) for key, value in self.floats.items()})
-        for node in self.nodes:
-            left, right = of[node.left].signed(node.left_sign), of[node.right].signed(node.right_sign)
-            of[node.at] = left.plus(right) if node.kind == SUM else models.product(left, right)
-        return of
-
 
 class _Model(NamedTuple):
     """A function of s: a polynomial in doubles, and a bound of the difference."""
@@ -246,8 +233,8 @@ class _Model(NamedTuple):
     polynomial: Array
     remainder: float
 
-    def signed(self, sign: int) -> _Model:
-        return self if sign > 0 else _Model(-self.polynomial, self.remainder)
+    def __neg__(self) -> _Model:
+        return _Model(-self.polynomial, self.remainder)
 
     def plus(self, term: _Model) -> _Model:
         short, long = sorted((self.polynomial, term.polynomial), key=len)
@@ -270,27 +257,32 @@ class _Models:
         self.order, self.unit, self._parameters = order, unit, parameters
         self._states = [np.array([float(c) for c in row]) * unit for row in coefficients]
 
-    def state(self, index: int) -> _Model:
-        return _Model(self._states[index], 0.0)
+    def run(self, graph: Graph, outputs: Sequence[Operand]) -> list[_Model]:
+        """The Taylor models of outputs of a graph."""
+        operations = {
+            PLUS: lambda x, y: self.of(x).plus(self.of(y)),
+            MINUS: lambda x, y: self.of(x).plus(-self.of(y)),
+            TIMES: lambda x, y: self.product(self.of(x), self.of(y)),
+        }
+        return [self.of(output) for output in evaluated(graph, outputs, self.input, operations)]
 
-    def parameter(self, index: int) -> _Model:
-        return _Model(np.array([self._parameters[index]]), self.unit)
+    def input(self, letter: str, index: int) -> _Model:
+        """A component of the state, or a parameter."""
+        return _Model(self._states[index], 0.0) if letter == "z" else self.of(self._parameters[index], self.unit)
 
-    def number(self, value: float) -> _Model:
-        return _Model(np.array([value]), 0.0)
+    def of(self, value: Any, remainder: float = 0.0) -> _Model:
+        """A model itself, or a float as a model."""
+        return value if isinstance(value, _Model) else _Model(np.array([float(value)]), remainder)
 
     def product(self, left: _Model, right: _Model) -> _Model:
+        if len(right.polynomial) == 1 < len(left.polynomial):
+            left, right = right, left
         series, cut = np.convolve(left.polynomial, right.polynomial), 0.0
         if len(series) > self.order:
             sizes = np.convolve(abs(left.polynomial), abs(right.polynomial))
             series, cut = series[: self.order], float(sizes[self.order :].sum())
         errors = left.remainder * right.size() + right.remainder * (left.size() - left.remainder)
         return _Model(series, (errors + cut) * INFLATION + self.order * self.unit)
-
-    def of(self, output: Operand, values: Mapping[int, _Model]) -> _Model:
-        if not isinstance(output, Number):
-            return self.number(float(output))
-        return values[output.at].signed(-1 if output.negative else 1)
 
 
 def _growth(of: Mapping[tuple[int, int], _Model], scale: Array, powers: Array) -> tuple[float, float]:
