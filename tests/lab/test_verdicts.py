@@ -134,10 +134,10 @@ def test_the_rule_needs_all_of_its_parts() -> None:
     liouville = questions.liouville
     what = subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3))
     found = integrals.integrals(what, 2)
-    assert questions.enough(liouville(what, what.tensor, found, 0))
-    assert not questions.enough(liouville(what, what.tensor, found[:3], 0))
+    assert liouville(what, what.tensor, found, 0).enough
+    assert not liouville(what, what.tensor, found[:3], 0).enough
     m = [f for f in integrals.integrals(replace(what, step=lambda x, **k: x), 1)][:2]
-    assert not questions.enough(liouville(what, what.tensor, m, 0))
+    assert not liouville(what, what.tensor, m, 0).enough
 
 
 # -- pages and the command ----------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from kreisel import algebra
 from kreisel.algebra import Array, objects
 from kreisel.algebra.backend import Complex
 from kreisel.errors import InputError, explained
-from kreisel.lab import modular
+from kreisel.lab import integrals, modular
 from kreisel.lab.exact import Pole, independent, slopes
 from kreisel.lab.integrals import MOST_MONOMIALS, SPARE, Polynomial, monomial_values, monomials, rational_kernel
 from kreisel.lab.modular import PRIMES, Mod, random_residues, residues_at, without_poles
@@ -185,6 +185,11 @@ class Lax:
     def conserved(self) -> bool:
         """Whether the coefficients are integrals, as far as that is known."""
         return self.isospectral is not False and self.equation is not False and None in (self.involution, True)
+
+    @property
+    def enough(self) -> bool:
+        """Whether integrals of these counts fill a leaf."""
+        return integrals.fill_leaf(self.leaf, self.on_leaf, bool(self.involution), self.with_more + self.torus)
 
     @property
     def complete(self) -> bool:

@@ -324,6 +324,14 @@ GAP = 1e3  # by which the next one must be larger
 MOST_IN_FLOATS = 300  # monomials
 
 
+def fill_leaf(leaf: int, on_leaf: int, involution: bool, tangent: int) -> bool:
+    """Whether integrals fill a leaf: half its dimension in involution (Liouville), or by the rank and the tori.
+
+    tangent   rank of the integrals and dimension of the tori that they leave, together
+    """
+    return leaf > 0 and ((involution and 2 * on_leaf == leaf) or tangent == leaf)
+
+
 @dataclass(frozen=True)
 class Numerical:
     """Counts of integrals that are conserved in floats.
@@ -344,10 +352,9 @@ class Numerical:
 
     @property
     def enough(self) -> bool:
-        """Whether they fill a leaf, in involution or by the dimension of the tori, with a clear gap."""
-        clear = self.next > GAP * self.largest and self.leaf > 0
-        commuting = self.involution < 1e-7 and 2 * self.on_leaf == self.leaf
-        return clear and (commuting or self.on_leaf + self.torus == self.leaf)
+        """Whether they fill a leaf, with a clear gap."""
+        clear, involution = self.next > GAP * self.largest, self.involution < 1e-7
+        return clear and fill_leaf(self.leaf, self.on_leaf, involution, self.on_leaf + self.torus)
 
     def __str__(self) -> str:
         return (

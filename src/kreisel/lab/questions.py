@@ -92,13 +92,6 @@ def liouville(subject: Subject, tensor: Callable[[Array], Array], functions: lis
     return counted(replace(subject, tensor=tensor), x, G, G, PRIMES[0], isospectral=True)
 
 
-def enough(ranks: Lax) -> bool:
-    """Whether integrals of these counts fill a leaf: Liouville, or superintegrable."""
-    if ranks.leaf == 0:
-        return False
-    return (bool(ranks.involution) and ranks.on_leaf == ranks.needed) or ranks.with_more + ranks.torus == ranks.leaf
-
-
 def rank_on_leaves(c: Clues) -> None:
     """The counts of the integrals for the bracket; of those that were found, for one whose leaves they fill, if any."""
     if c.tensor is None or not c.integrals:
@@ -117,7 +110,7 @@ def by_volume(c: Clues) -> bool:
 
 def filled(c: Clues) -> bool:
     """Whether the integrals make the map integrable."""
-    return by_volume(c) or (c.ranks is not None and leaves_stay(c) and enough(c.ranks))
+    return by_volume(c) or (c.ranks is not None and leaves_stay(c) and c.ranks.enough)
 
 
 def _counted(count: int, noun: str) -> str:
@@ -144,10 +137,10 @@ def verdict(c: Clues) -> tuple[str, str]:
     for_it, against = [], []
     where = "in floats" if c.in_floats else "exactly"
     if c.tensor is not None and leaves_stay(c):
-        if c.ranks is not None and enough(c.ranks):
+        if c.ranks is not None and c.ranks.enough:
             count = _counted(c.ranks.with_more, "independent integral")
             for_it.append(f"{count} on leaves of dimension {c.ranks.leaf} found exactly")
-        if c.lax is not None and c.lax.isospectral and c.lax.involution and enough(c.lax):
+        if c.lax is not None and c.lax.isospectral and c.lax.involution and c.lax.enough:
             supplement = "" if c.lax.on_leaf == c.lax.needed else ", with the further integrals of the record"
             for_it.append(f"a Lax pair whose spectrum{supplement} is complete, conserved {where}")
         if c.numeric is not None and c.numeric.enough:

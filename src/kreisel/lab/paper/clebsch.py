@@ -10,10 +10,19 @@ import numpy as np
 from kreisel.algebra import Array, act, bracket, cayley, dot, identity, log, pairing, wedge
 from kreisel.algebra.invariants import characteristic, diagonal
 from kreisel.lab.law import Sides
-from kreisel.lab.paper import calculus
-from kreisel.lab.paper.calculus import gradient, half, outer, right_derivative, series, trace_log_of
+from kreisel.lab.paper import statements
 from kreisel.lab.paper.setting import Curve, Diagonal, Eps, Lam, Rotation, Setting, Skew, Symmetric, Unit, Vector
-from kreisel.lab.paper.statements import printed_law, stated, stated_laws
+from kreisel.lab.paper.statements import (
+    gradient,
+    half,
+    outer,
+    printed_law,
+    right_derivative,
+    series,
+    stated,
+    stated_laws,
+    trace_log_of,
+)
 from kreisel.system import clebsch, clebsch_body, neumann
 
 CLEBSCH = clebsch.SYSTEM
@@ -163,7 +172,7 @@ def clebsch_completeness(s: Setting, b: Diagonal, M: Skew, P: Unit, distinct: bo
         rows = [characteristic(printed_pencil(*z, b=b, lam=lam, eps=s.eps))[1:] for lam in at]
         return np.concatenate([np.asarray(row, dtype=object) for row in rows])
 
-    yield calculus.rank_on_leaf(CLEBSCH, (M, P), [coefficients]), calculus.HALF_LEAF[s.n]
+    yield statements.rank_on_leaf(CLEBSCH, (M, P), [coefficients]), statements.HALF_LEAF[s.n]
 
 
 @stated("clebsch-two-maps", "Conclusion, last remark", ranks=True)
@@ -178,8 +187,10 @@ def clebsch_two_maps(s: Setting, M: Skew, P: Vector, J: Diagonal, e: Eps) -> Sid
     def deformed(M: Array, P: Array) -> Array:
         return clebsch.spectrum(M, P, eps=e, **body)
 
-    ranks = [calculus.rank_on_leaf(CLEBSCH, (M, P), chosen) for chosen in ([earlier], [deformed], [earlier, deformed])]
-    yield ranks, calculus.HALF_LEAF[s.n] * np.array([1, 1, 2])
+    ranks = [
+        statements.rank_on_leaf(CLEBSCH, (M, P), chosen) for chosen in ([earlier], [deformed], [earlier, deformed])
+    ]
+    yield ranks, statements.HALF_LEAF[s.n] * np.array([1, 1, 2])
 
 
 # -- proof of Theorem 7.1: the identities (dClebsch spec aux) --------------------------------------
@@ -289,7 +300,7 @@ Leaf = Annotated[Any, leaf_point]
 def neumann_leaf(z: Leaf, codimension: int = 2) -> Sides:
     """at M = x ^ q, P = x the bracket has rank 2(n - 1) (printed 2n, E6)"""
     x, q = z
-    yield calculus.rank(CLEBSCH.space.tensor(wedge(x, q), x)), 2 * len(x) - codimension
+    yield statements.rank(CLEBSCH.space.tensor(wedge(x, q), x)), 2 * len(x) - codimension
 
 
 @stated("neumann-flow", "Section 7, end, Neumann's system", printed={"sign": -1})

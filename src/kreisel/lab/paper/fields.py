@@ -13,9 +13,8 @@ from kreisel.algebra.invariants import blocks, determinant
 from kreisel.baecklund.komarov import PENCIL
 from kreisel.lab.exact import jacobian
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.calculus import leaf_rank, rank
 from kreisel.lab.paper.setting import Diagonal, Eps, Lam, Scalar, Setting, Skew, Vector
-from kreisel.lab.paper.statements import stated
+from kreisel.lab.paper.statements import leaf_rank, rank, stated
 from kreisel.record.calling import call
 from kreisel.record.contract import FIELD_SPACE, MOVING_SPACE, TWO_FIELDS_SPACE
 from kreisel.system import REGISTRY, komarov, kovalevskaya_top_e3, kovalevskaya_top_so3, quadratic_field

@@ -11,10 +11,9 @@ from kreisel.algebra import Array, act, axial, bracket, cayley, dot, hat, identi
 from kreisel.algebra.invariants import characteristic, diagonal, su2, trace
 from kreisel.lab.exact import generator
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.calculus import half, outer, series, trace_log_of
 from kreisel.lab.paper.fields import FAMILY, FIELDS
 from kreisel.lab.paper.setting import Diagonal, Eps, Lam, Rotation, Scalar, Setting, Skew, Unit, Vector
-from kreisel.lab.paper.statements import stated, stated_laws
+from kreisel.lab.paper.statements import half, outer, series, stated, stated_laws, trace_log_of
 from kreisel.lab.paper.tops import momentum
 from kreisel.system import clebsch, clebsch_general, heavy_top, kirchhoff, lagrange_top, lagrange_top_moving, neumann
 
