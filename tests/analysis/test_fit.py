@@ -52,6 +52,23 @@ def test_values_lie_within_their_errors_as_often_as_they_should() -> None:
     assert not low < total / 4 < high  # errors twice as large would be seen
 
 
+def test_a_step_that_is_too_long_for_the_errors() -> None:
+    """Exact data: at dt = 0.4 gravity is 15 errors off; the warning has 3/4 of this, as of order 2."""
+    time = np.arange(61) * 0.2
+    rate = lambda t, x: [*cross(np.array([0, 0, 1.3]), x[3:]), *cross(x[:3], x[3:])]  # noqa: E731
+    start = [0.1, 0.2, 1.5, 0.6, 0.0, 0.8]
+    axis = solve_ivp(rate, (0, time[-1]), start, "DOP853", time, rtol=1e-11, atol=1e-12).y[3:].T
+    asked: dict[str, Any] = {"free": ["p[2]", "m"], "x0": X0}
+    fine = kr.fit(TOP, seen(time, a=axis, sigma_a=0.02), dt=0.02, **asked)
+    assert fine.values["p[2]"] == pytest.approx(1.3, abs=fine.errors["p[2]"] / 10)
+    with pytest.warns(kr.AccuracyWarning, match=r"half the step moves p\[2\] by -.* times its error") as caught:
+        coarse = kr.fit(TOP, seen(time, a=axis, sigma_a=0.02), dt=0.4, **asked)
+    off = coarse.values["p[2]"] - 1.3
+    assert off > 10 * coarse.errors["p[2]"]
+    moved = float(str(caught[0].message).partition(" by ")[2].partition(",")[0])
+    assert moved == pytest.approx(-0.75 * off, rel=0.25)
+
+
 def test_gaps_and_times_between_steps() -> None:
     """Exact data: the values come back to the accuracy of the method, whichever numbers are missing."""
     time = np.array([0.013, 0.4, 0.77, 1.31, 2.0, 2.9, 3.333])

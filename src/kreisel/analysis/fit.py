@@ -133,11 +133,10 @@ def fit(
     system         with parameters: fixed values, and the start of the search; or a body, with SI and names of its runs
     observations   a Dataset with the coordinate `time`, from 0 on, in any order, and variables (time, ...): components
                    of the state (n = 3: axial vectors), "g" (the orientation), "Omega" (in the frame of the system),
-                   "energy" and other integrals, one entry such as "a[2]", or names of `observables`; NaN for missing
-                   observations.  For a body of `kr.physical` Omega is along the user's axes of the body and g the
-                   attitude of these axes, unless an attribute `axes` is "state", as in a run; units (time in "ms",
-                   Omega in "deg/s") are read from attributes `units`, default: the system's.  sigma_NAME, broadcast to
-                   the shape of NAME, is its standard error.  Or a run: its state.
+                   "energy" and other integrals, one entry such as "a[2]", names of `observables`; NaN if missing.  For
+                   a body of `kr.physical` Omega is along the user's axes of the body and g the attitude of these axes,
+                   unless an attribute `axes` is "state", as in a run; units (time in "ms", Omega in "deg/s") are read
+                   from attributes `units`.  sigma_NAME, broadcast to NAME, is its standard error.  Or a run: its state
     free           names of unknowns: a parameter or a component, "p", or one entry, "p[2]", along the axes of the
                    state, in its units, or the principal "moments" of a `FreeBody`, kg m^2; a mapping also gives the
                    start of the search, None for the values of the system and x0
@@ -146,20 +145,18 @@ def fit(
                    depend on g; False: none.  Free as "orientation": the axial vector of X (the entries i < j) in g =
                    orientation cay(X/2), in the rest frame cay(X/2) orientation: the angles of a small rotation, rad
     dt             the step; times between two steps are reached by a shorter step.  Default for a run: its dt
-    observables    name -> f(*components, *, ...) in jax.numpy, of one state, along the axes of the state; after the
-                   star parameters by letter, the orientation g as a matrix, the time t, and parameters of the
-                   instrument, whose start is in `free`
+    observables    name -> f(*components, *, ...) in jax.numpy, of one state, along its axes; after the star
+                   parameters by letter, the matrix g, the time t, parameters of the instrument, with a start in `free`
     bounds         name -> (low, high)
     method, order  as for `kr.differentiable`, whose function is fitted: without projections
 
     Least squares by `scipy.optimize.least_squares` (trust region reflective), which finds the minimum next to the
     start: if phases may be off by pi, fit a short time first.  The covariance is the linear problem's at the
-    minimum.  Needs the extra `reduction` (JAX).  Raises `InputError` for bad input, and if the observations leave a
-    combination of the unknowns undetermined, which it names; `RunError` if the motion fails at the start.
+    minimum.  Needs the extra `reduction` (JAX).  Warns if dt is too long for the errors sigma_NAME.  Raises
+    `InputError` for bad input, and if the observations leave a combination of the unknowns undetermined, which it
+    names; `RunError` if the motion fails at the start.
     """
     model, x0, orientation, dt, observations, free = _scaled(system, x0, orientation, dt, observations, free)
-    check_model(model)
-    dt = _step_of(observations) if dt is None else positive_number(dt, "dt")
     state = checked_state(model, _first(model, observations) if x0 is None else x0)
     functions, settings = dict(observables or {}), {"method": method, "order": order}
     attitude = _attitude(model, observations, orientation)
@@ -169,9 +166,12 @@ def fit(
     parameters = partial(_parameters, body, model, {u.letter for u in unknown})
     seen = observed(model, observations, dt, functions, starts)
     f = differentiable(model, **settings, orientation=carried is not None)
-    key = model.key, *_kind(model, observations, functions, further), method, order, dt
-    predicted = _predictions(f, model, unknown, starts, seen, key, parameters)
+    key = model.key, *_kind(model, observations, functions, further), method, order
+    predictions = partial(_predictions, f, model, unknown, starts, key, parameters)
+    predicted = predictions(seen)
     solution = _least_squares(predicted, seen, unknown, evaluations, model)
+    if seen.weighted and not _is_run(observations):  # a run has this error too
+        _doubt_dt(solution, unknown, seen, predictions(observed(model, observations, dt / 2, functions, starts), False))
     fitted = _model_at(model, starts, attitude, unknown, solution.x, parameters)
     return _as_fit(solution, unknown, fitted, seen, predicted(solution.x.tobytes())[0], {"dt": dt, **settings})
 
@@ -196,15 +196,21 @@ def _parameters(body: Body | None, model: Model, unknown: set[str], values: Mapp
 def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, free: Any) -> tuple[Any, ...]:
     """The arguments of a fit in the form of the state; `system` may be a body.  Raises `InputError`."""
     if as_body(system) is None:
+        check_model(system)
+        dt = _step_of(observations) if dt is None else positive_number(dt, "dt")
         return system, x0, orientation, dt, observations, free
     step = _step_of(observations) if dt is None else dt
     model, x0, first, asked, _ = scaled(system, x0, orientation, {"dt": step})
     data = observations_of(model, observations)
     if orientation is False and hasattr(data, "drop_vars"):
         first, data = False, data.drop_vars(ORIENTATION, errors="ignore")
-    if x0 is None and "kreisel_format" not in getattr(data, "attrs", {}):
+    if x0 is None and not _is_run(data):
         raise InputError("x0: expected body.state(...), the start of the search, got none, and no run of this body.")
-    return model, x0, first, asked["dt"], data, letters_of(model, free)
+    return model, x0, first, positive_number(asked["dt"], "dt"), data, letters_of(model, free)
+
+
+def _is_run(data: Any) -> bool:
+    return "kreisel_format" in getattr(data, "attrs", {})
 
 
 def _step_of(observations: Any) -> float:
@@ -227,7 +233,7 @@ def _first(model: Model, observations: Any) -> dict[str, Any]:
 
 
 def _attitude(model: Model, observations: Any, orientation: Any) -> Array | None:
-    if orientation is None and "kreisel_format" in getattr(observations, "attrs", {}) and ORIENTATION in observations:
+    if orientation is None and _is_run(observations) and ORIENTATION in observations:
         orientation = observations[ORIENTATION].values[0]
     if orientation is None or orientation is False:
         return None
@@ -251,11 +257,15 @@ def _predictions(
     model: Model,
     unknown: list[Unknown],
     starts: Mapping[str, Array],
-    seen: Observations,
     key: Any,
     parameters: Callable[[Mapping[str, Any]], dict[str, Any]],
+    seen: Observations,
+    derivatives: bool = True,
 ) -> Callable[[bytes], tuple[list[Array], list[Array]]]:
-    """The variables of x (k,), and their Jacobians (..., k); compiled once for fits of the same kind, by `key`."""
+    """The variables of x (k,), and their Jacobians (..., k); compiled once for fits of the same kind, by `key`.
+
+    Without derivatives the variables twice.
+    """
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.numerics import double, jax
 
@@ -286,7 +296,8 @@ def _predictions(
         return out, out
 
     names = *(u.name for u in unknown), *(v.name for v in seen.variables)
-    compiled = reused(("fit", *key, *names, seen.time.tobytes()), lambda: jax.jit(jax.jacfwd(predicted, has_aux=True)))
+    key = "fit", derivatives, *key, seen.dt, *names, seen.time.tobytes()
+    compiled = reused(key, lambda: jax.jit(jax.jacfwd(predicted, has_aux=True) if derivatives else predicted))
     begin = {k: np.asarray(v, dtype=np.float64) for k, v in starts.items()}
 
     def at(x: bytes) -> tuple[list[Array], list[Array]]:
@@ -342,6 +353,18 @@ def _least_squares(
         text = f"fit: the search did not converge: {solution.message} Begin nearer, or raise evaluations."
         warnings.warn(text, AccuracyWarning, stacklevel=3)
     return solution
+
+
+def _doubt_dt(solution: Any, unknown: list[Unknown], seen: Observations, finer: Callable[..., Any]) -> None:
+    """Warns if half the step moves an unknown by more than its error: by the linear problem at the minimum."""
+    J, names = np.asarray(solution.jac), [u.name for u in unknown]
+    covariance = covariance_of(J, names)
+    moved = covariance @ (J.T @ (seen.flat(seen.differences(finer(solution.x.tobytes())[0])) + solution.fun))
+    shares = abs(moved) / np.sqrt(np.diag(covariance))
+    if shares.max() > 1:
+        k = int(shares.argmax())
+        text = f"fit: half the step moves {names[k]} by {moved[k]:.2g}, {shares[k]:.2g} times its error. "
+        doubt(text + "Usual cause: dt too long for the errors of the observations. Use a shorter dt.", AccuracyWarning)
 
 
 def covariance_of(J: Array, names: Sequence[str]) -> Array:
