@@ -11,7 +11,6 @@ import scipy.linalg
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.baecklund import komarov as maps
 from kreisel.lab import laws
 from kreisel.runs.planning import make_plan
 from kreisel.system import komarov
@@ -142,7 +141,7 @@ def test_projectors_of_the_pencil() -> None:
     """Of nu b + m - mu S, for the four branches next to nu."""
     model, state = case("so(4), Sokolov's terms, rotor")
     z, lam = tuple(model.state(**state).values()), 0.7 + 2.9j
-    S = np.diag(np.concatenate(maps.forms(*(model.params[k] for k in ("kappa", "beta")))))
+    S = np.diag(np.concatenate(komarov.forms(*(model.params[k] for k in ("kappa", "beta")))))
     L = model.call(model.system.pairs.matrix, *z, lam=lam)
     assert (np.diag(model.call(model.system.pairs.metric)) == S).all()
     for mu in eigenvalues(model, z, lam)[:4]:
@@ -164,8 +163,8 @@ def test_mutants_of_the_maps(mutant: str, monkeypatch: pytest.MonkeyPatch) -> No
         return record.pair(M, P, **values, lam=lam, mu=mu)
 
     if changed is None:
-        tangent = maps.tangent
-        monkeypatch.setattr(maps, "tangent", lambda *numbers: -tangent(*numbers))
+        tangent = komarov.tangent
+        monkeypatch.setattr(komarov, "tangent", lambda *numbers: -tangent(*numbers))
     system = replace(model.system, pairs=replace(record, pair=pair))
     assert off(system(**model.params), state, 0.25, 4, project=False) > 1e-3
 

@@ -10,7 +10,6 @@ from kreisel import algebra
 from kreisel.algebra import Array, dot, identity, moebius, solve
 from kreisel.algebra.backend import Complex
 from kreisel.algebra.invariants import blocks, determinant
-from kreisel.baecklund.komarov import PENCIL
 from kreisel.lab.exact import jacobian
 from kreisel.lab.law import Sides
 from kreisel.lab.paper.setting import Diagonal, Eps, Lam, Scalar, Setting, Skew, Vector
@@ -210,7 +209,7 @@ def komarov_curve(s: Setting, M: Skew, P: Vector, nu: Lam, mu: Scalar) -> Sides:
     w, H, K = kappa * t, komarov.energy(M, P, **constants), komarov.komarov(M, P, kappa=kappa, **constants)
     curve = (u - v) * (u - v) * (u - w * v) - 2 * H * u * u + K * u + (t * D * D - c * c * C) * v - c * c * D * D
     curve = curve + (2 * H - t * C - kappa * c * c + gamma * gamma * (1 - w)) * u * v + (t * C + kappa * c * c) * v * v
-    pencil = nu * PENCIL + komarov.skew_of(M, P, **constants) - mu * np.diag([1 + 0 * u] * 5 + [-kappa, -t])
+    pencil = nu * komarov.PENCIL + komarov.skew_of(M, P, **constants) - mu * np.diag([1 + 0 * u] * 5 + [-kappa, -t])
     yield determinant(pencil), mu * curve
 
 
