@@ -216,6 +216,12 @@ def flat_stages(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
     return columns_of(scheme.stages, scheme.axes, (lanes, scheme.stage_count))
 
 
+def constants_of(scheme: Scheme, row: Any, columns: Mapping[str, slice]) -> dict[str, Any]:
+    """The constants of a row by name."""
+    shapes = {name: (scheme.n,) * scheme.axes[name] for name in columns}
+    return {name: row[place].reshape(shapes[name])[()] for name, place in columns.items()}
+
+
 def columns_of(
     values: Mapping[str, Array], axes: Mapping[str, int], lead: tuple[int, ...]
 ) -> tuple[Floats, dict[str, slice]]:

@@ -8,6 +8,7 @@ after the other, except for the forms of `kreisel.kernels.large`.  An ensemble r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,7 +19,9 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.backend import Complex
 from kreisel.algebra.reuse import reused
+from kreisel.graph.double import DoubleDouble
 from kreisel.graph.graph import Graph, Operand, TooLong, depending, where_less
 from kreisel.graph.invariants import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
 from kreisel.graph.llvm import Function, Lanes, kind_of
@@ -26,10 +29,14 @@ from kreisel.graph.machine import Kernel, Link, address_of, kernel, register_wid
 from kreisel.graph.project import ALONE, WIDE, CompiledProjection, Corrections, Projected, compiled, interval
 from kreisel.graph.recording import (
     Recording,
+    as_operands,
+    constants_of,
     count_of,
+    fill,
     flat_constants,
     flat_stages,
     operation_count,
+    recorded_arguments,
     recorded_outputs,
     special_constants,
 )
@@ -40,11 +47,6 @@ from kreisel.method.scheme import SPINS, Scheme
 
 if TYPE_CHECKING:
     from kreisel.kernels.large.forms import LargeForm
-import math
-
-from kreisel.algebra.backend import Complex
-from kreisel.graph.double import DoubleDouble
-from kreisel.graph.recording import as_operands, fill, recorded_arguments
 
 WORK = 20_000  # operations in the time that NumPy needs to begin a step
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many operations compile in a second
@@ -249,12 +251,9 @@ def by_definition(
     """advance(z, c, s, steps, look): steps by the definition, of rows z (d,), c (constants,), s (stages, constants)."""
     kinds, n, parts = scheme.kinds, scheme.n, scheme.parts
 
-    def constants(row: Floats, places: Mapping[str, slice]) -> dict[str, Array]:
-        return {name: row[where].reshape((n,) * scheme.axes[name]) for name, where in places.items()}
-
     def advance(z: Floats, c: Floats, s: Floats, steps: int, look: Look) -> None:
-        fixed = constants(c, columns)
-        stages = [{**fixed, **constants(row, stage_columns)} for row in s]
+        fixed = constants_of(scheme, c, columns)
+        stages = [{**fixed, **constants_of(scheme, row, stage_columns)} for row in s]
         for _ in range(steps):
             look()
             for stage in stages:
@@ -427,7 +426,7 @@ def _rate_of_arrays(scheme: Scheme, columns: Mapping[str, slice]) -> Callable[[f
     function, kinds, n = scheme.parts[0].function, scheme.kinds, scheme.n
 
     def rate(t: float, y: Floats, c: Floats) -> Floats:
-        constants = {name: c[where].reshape((n,) * scheme.axes[name]) for name, where in columns.items()}
+        constants = constants_of(scheme, c, columns)
         return np.asarray(algebra.flatten(function(*algebra.restore(y, kinds, n), **constants), kinds))
 
     return rate
@@ -435,10 +434,7 @@ def _rate_of_arrays(scheme: Scheme, columns: Mapping[str, slice]) -> Callable[[f
 
 # -- constants rho of trajectories, compiled ---------------------------------------------------------
 
-
 MOST = 6000  # operations; of a pair of Clebsch's case, n = 5: 5200
-
-
 Folded = tuple[tuple[int, float], ...]
 
 

@@ -340,10 +340,6 @@ def iterated(step: Callable[[Array, Any], Array], z: Array, constants: Any, rows
     return jnp.concatenate([z[None], lax.scan(row, z, length=rows)[1]])
 
 
-jnp = jax.numpy
-lax = jax.lax
-
-
 def _function(name: str) -> Any:
     return lambda x: Number(getattr(jnp, name)(x.value))
 

@@ -17,7 +17,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.graph.arranging import independent
-from kreisel.graph.graph import IN, Graph
+from kreisel.graph.graph import IN
 from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Memory, Value
 from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.graph.recording import recorded_function
@@ -293,54 +293,49 @@ class RowKernel:
     """
 
     def __init__(self, orbit: Orbit, kinds: Sequence[str]):
-        self._terms, numbers = orbit.place(0).shape
+        self.terms, numbers = orbit.place(0).shape
         shapes = {"place": (numbers,), "left": (3,), "right": (3,)}
 
         def function(place: Array, left: Array, right: Array, **constants: Array) -> Array:
             return algebra.flatten(orbit.row(place, left, right, **constants), kinds)
 
         constants = {k: np.shape(v) for k, v in orbit.constants.items()}
-        self._graph, self._outputs, count = recorded_function(function, shapes, constants)
-        self._nodes = self._graph.needed(self._outputs)
-        inputs = sorted(node[2] for node in map(self._graph.nodes.__getitem__, self._nodes) if node[:2] == (IN, "z"))
+        self.graph, self.outputs, count = recorded_function(function, shapes, constants)
+        self.nodes = self.graph.needed(self.outputs)
+        inputs = sorted(node[2] for node in map(self.graph.nodes.__getitem__, self.nodes) if node[:2] == (IN, "z"))
         self.used = [k for k in inputs if k < numbers]
         places = [*self.used, *range(numbers, count)]
-        self._at = {k: place * WIDTH for place, k in enumerate(places)}  # of each input, in the room of a block
-        self._begin = len(places) * WIDTH  # of the results
-        self._turns = {1 + side: self._at[k] for side, k in enumerate((numbers, numbers + 3)) if k in inputs}
+        self.at = {k: place * WIDTH for place, k in enumerate(places)}  # of each input, in the room of a block
+        self.begin = len(places) * WIDTH  # of the results
+        self.turns = {1 + side: self.at[k] for side, k in enumerate((numbers, numbers + 3)) if k in inputs}
 
     def kernel(self) -> Kernel:
         """Compiled, or from the disk."""
-        key = "rows", self._graph.digest(self._outputs), self._terms, self._at, self._turns
-        return kernel(key, 1, lambda f: _Rows(f, self._terms, len(self.used)).write(self))
+        key = "rows", self.graph.digest(self.outputs), self.terms, self.at, self.turns
+        return kernel(key, 1, lambda f: _Rows(f, self).write())
 
 
 class _Rows:
     """The function under construction; `room` has the scalars of a block of rows."""
 
-    def __init__(self, f: Function, terms: int, numbers: int):
-        self._f, self._builder, self._terms, self._numbers = f, f.builder, terms, numbers
+    def __init__(self, f: Function, of: RowKernel):
+        self._f, self._builder, self._of, self._size = f, f.builder, of, len(of.outputs)
         self._frame = f.integers(f.arguments[0])
         words = dict(zip(ARGUMENTS, self._frame.get(len(ARGUMENTS), WORDS), strict=True))
         self._words: dict[str, Integer] = words
         self._phases, self._where, self._computed = (f.integers(words[name]) for name in ("phases", "where", "known"))
         self._table, self._circle, self._out = (f.doubles(words[name]) for name in ("table", "circle", "out"))
 
-    def write(self, record: RowKernel) -> None:
-        f, words = self._f, self._words
-        graph, outputs, turns = record._graph, record._outputs, record._turns
-        count, start, stopped = f.variables(3, INTEGER)
-        used = [0, *turns]
-        self._room = f.room(record._begin + len(outputs) * WIDTH)
+    def write(self) -> None:
+        f, words, graph, nodes = self._f, self._words, self._of.graph, self._of.nodes
+        used, (count, start, stopped) = [0, *self._of.turns], f.variables(3, INTEGER)
+        self._room = f.room(self._of.begin + self._size * WIDTH)
         self._u, self._x, self._part_index = f.room(len(used) * WIDTH, INTEGER), f.room(WIDTH), f.room(WIDTH, INTEGER)
         for row in range(WIDTH):  # rows that a last block does not have are computed too
             self._x[row], self._part_index[row] = 0.0, 0
         constants = f.doubles(words["constants"])
-        fixed, values = independent(graph, record._nodes, "c"), dict[int, Value]()
-        for at in fixed:
-            if graph.nodes[at][0] == IN:
-                values[at] = constants[graph.nodes[at][2]]
-        f.emit(graph, [at for at in record._nodes if at in fixed], values, DOUBLE)
+        fixed, values = independent(graph, nodes, "c"), dict[int, Value]()
+        f.compute(graph, [at for at in nodes if at in fixed], values, lambda _, i: constants[i], DOUBLE)
         phases = [(h, k) for h, k in zip(f.variables(len(used), INTEGER), used, strict=True)]
         lower = f.variables(len(used), INTEGER)
         for (upper, k), low in zip(phases, lower, strict=True):
@@ -361,7 +356,7 @@ class _Rows:
                     for place, ((upper, k), low) in enumerate(zip(phases, lower, strict=True)):
                         self._march(place, k, upper, low, count[0])
                     self._find(count, stopped)
-            self._block(start[0], count[0], turns, values, graph, record)
+            self._block(start[0], count[0], values)
             start[0] = start[0] + count[0]
         self._frame[WORDS + len(ARGUMENTS) - 1] = start[0]
 
@@ -390,89 +385,78 @@ class _Rows:
                     self._part_index[row[0]] = j
                     row[0] = row[0] + 1
 
-    def _block(
-        self,
-        start: Integer,
-        count: Integer,
-        turns: dict[int, int],
-        values: dict[int, Value],
-        graph: Graph,
-        record: RowKernel,
-    ) -> None:
+    def _block(self, start: Integer, count: Integer, values: dict[int, Value]) -> None:
         """`count` rows: polynomials, turns, the results of the graph, and the store."""
-        f, room, multiply = self._f, self._room, self._builder.fmul
+        f, of, room, multiply = self._f, self._of, self._room, self._builder.fmul
         with f.loop(0, count) as i:
             self._x[i] = multiply((self._u[i] << self._words["places"]).double(), DOUBLE(2.0**-63))
-        for place, at in enumerate(turns.values()):
+        for place, at in enumerate(of.turns.values()):
             with f.loop(0, count) as i:
                 phase = self._u[i + (1 + place) * WIDTH]
                 j = (phase + (1 << (63 - CIRCLE_BITS))) >> (64 - CIRCLE_BITS)
                 room[i + at], room[i + (at + WIDTH)] = self._circle[j], self._circle[j + SIZE]
                 angle = DOUBLE(float(np.pi) * 2.0 ** -(63 + CIRCLE_BITS))
                 room[i + (at + 2 * WIDTH)] = multiply((phase << CIRCLE_BITS).double(), angle)
-        size = len(record._outputs)
         with f.loop(0, count, LANES) as i:
-            self._expect(start + i, size)
+            self._expect(start + i)
             self._polynomials(i)
         with f.loop(0, count) as i:
             inside = dict(values)
-            for at in record._nodes:
-                if graph.nodes[at][:2] == (IN, "z"):
-                    inside[at] = room[i + record._at[graph.nodes[at][2]]]
-            f.emit(graph, record._nodes, inside, DOUBLE)
-            for d, value in enumerate([f.value(x, inside, DOUBLE) for x in record._outputs]):
-                room[i + (record._begin + d * WIDTH)] = value
+            f.compute(of.graph, of.nodes, inside, lambda _, k: room[i + of.at[k]], DOUBLE)
+            for d, value in enumerate([f.value(x, inside, DOUBLE) for x in of.outputs]):
+                room[i + (of.begin + d * WIDTH)] = value
         aligned = count - count % LANES
         with f.loop(0, aligned, LANES) as i:
-            self._store(start + i, i + record._begin, size)
+            self._store(start + i, i + of.begin)
         with f.loop(aligned, count) as i:
-            for d in range(size):
-                self._out[self._row(start + i, size) + d] = room[i + (record._begin + d * WIDTH)]
+            for d in range(self._size):
+                self._out[self._row(start + i) + d] = room[i + (of.begin + d * WIDTH)]
 
     # -- LANES rows at once: one array in scalars first, the other in rows ------------------------------
 
-    def _row(self, row: Integer, size: int) -> Integer:
+    def _row(self, row: Integer) -> Integer:
         """Where a row of the lane begins."""
-        return (row * self._words["lanes"] + self._words["lane"]) * size
+        return (row * self._words["lanes"] + self._words["lane"]) * self._size
 
-    def _expect(self, row: Integer, size: int) -> None:
+    def _expect(self, row: Integer) -> None:
         """Fetch rows into the cache, to be written."""
         builder, pointer = self._builder, self._out.pointer
         kind, name = ir.FunctionType(ir.VoidType(), [pointer.type, INDEX, INDEX, INDEX]), "llvm.prefetch.p0"
         fetch = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
         for r in range(LANES):
-            for place in range(0, size + LINE - 1, LINE):
-                at = self._row(row + r, size) + min(place, size - 1)
+            for place in range(0, self._size + LINE - 1, LINE):
+                at = self._row(row + r) + min(place, self._size - 1)
                 builder.call(fetch, [self._out.beyond(at).pointer, INDEX(1), INDEX(3), INDEX(1)])
 
     def _polynomials(self, i: Integer) -> None:
         """The scalars of the places of rows i, i + 1, ..., by Horner's rule with fused products."""
-        groups = -(-self._numbers // LANES)
-        starts = [self._part_index[i + r] * (self._terms * groups * LANES) for r in range(LANES)]
+        count, terms = len(self._of.used), self._of.terms
+        groups = -(-count // LANES)
+        starts = [self._part_index[i + r] * (terms * groups * LANES) for r in range(LANES)]
         arguments = [self._f.spread(self._x[i + r], VECTOR) for r in range(LANES)]
 
         def numbers(row: int, k: int, group: int) -> Value:
             return self._table.beyond(starts[row] + (k * groups + group) * LANES).of(VECTOR)[0]
 
-        sums = [[numbers(row, self._terms - 1, group) for row in range(LANES)] for group in range(groups)]
-        for k in reversed(range(self._terms - 1)):
+        sums = [[numbers(row, terms - 1, group) for row in range(LANES)] for group in range(groups)]
+        for k in reversed(range(terms - 1)):
             sums = [
                 [self._f.intrinsic("fma", s, arguments[row], numbers(row, k, group)) for row, s in enumerate(four)]
                 for group, four in enumerate(sums)
             ]
         for group, four in enumerate(sums):
-            for d, column in enumerate(self._transposed(four)[: self._numbers - group * LANES]):
+            for d, column in enumerate(self._transposed(four)[: count - group * LANES]):
                 self._room.beyond(i + (group * LANES + d) * WIDTH).of(VECTOR)[0] = column
 
-    def _store(self, row: Integer, begin: Integer, size: int) -> None:
+    def _store(self, row: Integer, begin: Integer) -> None:
         """Rows of the output from columns of the room."""
-        for group in range(0, size, LANES):
-            many = min(LANES, size - group)
+        for group in range(0, self._size, LANES):
+            many = min(LANES, self._size - group)
             columns = [self._room.beyond(begin + (group + d) * WIDTH).of(VECTOR)[0] for d in range(many)]
             columns += [VECTOR(ir.Undefined)] * (LANES - many)
             for r, numbers in enumerate(self._transposed(columns)):
                 kept = self._shuffled(numbers, numbers, *range(many))
-                self._out.beyond(self._row(row + r, size) + group).of(kept.type)[0] = kept
+                self._out.beyond(self._row(row + r) + group).of(kept.type)[0] = kept
 
     def _shuffled(self, a: Value, b: Value, *places: int) -> Value:
         return self._builder.shuffle_vector(a, b, ir.VectorType(INDEX, len(places))(list(places)))

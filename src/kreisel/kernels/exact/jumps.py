@@ -8,7 +8,7 @@ rotation about p; over the remaining time it is `count` times D_eps, minus the r
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,9 +21,9 @@ from kreisel.exact.nutation import Integrals, darboux
 from kreisel.graph.arranging import Formula
 from kreisel.graph.double import DoubleDouble
 from kreisel.graph.graph import Graph, Operand, array_of, nearest, where_less
-from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Lanes, Value
+from kreisel.graph.llvm import Function, Lanes, Value
 from kreisel.graph.machine import Kernel, Link, address_of, kernel, register_width
-from kreisel.graph.recording import as_operands, count_of, flat_constants
+from kreisel.graph.recording import as_operands, constants_of, count_of, flat_constants
 from kreisel.kernels.exact.motions import leap, of_turns, rotated
 from kreisel.kernels.layout import Floats, on_threads
 from kreisel.method.scheme import Jump, Scheme, Spin
@@ -33,8 +33,6 @@ FEW = 10_000  # times that are jumps: the set-up of a motion in many digits need
 ROWS = 10**6  # of a run of a free body that are jumps: its set-up needs as long, 50 ms
 WORK = 5_000  # a jump is worth this number of operations on lanes
 MOST = 64  # maps in a jump
-
-Recorded = tuple[Graph, list[Operand]]
 
 
 class Rows(NamedTuple):
@@ -80,8 +78,7 @@ class _Jumping:
         return kernel(key, 6, self._function)
 
     def _by_name(self, c: Array) -> dict[str, Array]:
-        scheme = self._scheme
-        return {name: c[place].reshape((scheme.n,) * scheme.axes[name])[()] for name, place in self._columns.items()}
+        return constants_of(self._scheme, c, self._columns)
 
     def _parts(self, z: Array) -> tuple[Array, ...]:
         return algebra.restore(z, self._kinds, self._scheme.n)
@@ -122,11 +119,21 @@ class _Jumping:
             with f.loop(0, rows, width) as row:
                 write(row, width)
 
-    def _recorded(self, program: Callable[[Array, Array, Any], Sequence[Any]]) -> Recorded:
-        graph = Graph()
-        t = DoubleDouble(graph.input("t", 0)) * DoubleDouble(graph.input("t", 1))
-        values = program(graph.inputs("z", self._state), graph.inputs("c", self._constants), t)
-        return graph, as_operands(values)
+    def _written(self, program: Callable[[Array, Array, Any], Sequence[Any]]) -> Callable[[Function, Rows], None]:
+        """What writes a program of state, constants and time, which returns the error and the new state."""
+
+        @cache  # once for scalars and for vectors
+        def recorded() -> tuple[Graph, list[Operand]]:
+            graph = Graph()
+            t = DoubleDouble(graph.input("t", 0)) * DoubleDouble(graph.input("t", 1))
+            values = program(graph.inputs("z", self._state), graph.inputs("c", self._constants), t)
+            return graph, as_operands(values)
+
+        def write(f: Function, rows: Rows) -> None:
+            rows.errors[0], *state = f.outputs(*recorded(), rows.input, rows.states.kind)
+            rows.new.put(state)
+
+        return write
 
     def _body(self, jump: Spin) -> Callable[[Function, Rows], None]:
         def start(z: Array) -> list[Any]:
@@ -146,14 +153,7 @@ class _Jumping:
             *new, off = rotated(moments, begin(z), t)
             return [off, *finish(z, new[:3], new[3:])]
 
-        recorded = cache(partial(self._recorded, program))  # once for scalars and for vectors
-
-        def write(f: Function, rows: Rows) -> None:
-            off, *state = f.outputs(*recorded(), rows.input, rows.states.kind)
-            rows.new.put(state)
-            rows.errors[0] = off
-
-        return write
+        return self._written(program)
 
     def _top(self, jump: Jump) -> Callable[[Function, Rows], None]:
         oriented = "quaternion" in self._kinds
@@ -184,17 +184,23 @@ class _Jumping:
         carried = Formula(carry, (self._state,), (3,), (), ()) if oriented else None
         self._key = begin.digest(), finish.digest(), str(carried and carried.digest())
 
-        def first(z: Array, c: Array, t: Any) -> list[Any]:
+        def program(z: Array, c: Array, t: Any) -> list[Any]:
             *entries, above, within = begin(z, c)
             m, b, p = (array_of([DoubleDouble(x) for x in entries[k : k + 3]]) for k in (0, 3, 6))
             maps, eps, r, unit, turn, spin, off, off_all = leap(Integrals.of(m, b, p), (above, within), t)
             error = (off_all if oriented else off) + where_less(float(MOST), maps, 1.0, 0.0)
             spin = spin - nearest(spin)
             q = carried(z, entries[3:6], *of_turns(0.5 * spin)) if carried else []
-            cos, sin = of_turns(0.5 * (turn - nearest(turn)))
-            return [error, maps, *entries[:6], *q, *entries[6:], eps, r, *(x * unit for x in entries[6:]), cos, sin]
 
-        return lambda f, rows: _write_maps(f, rows, self._recorded(first), mapped, finish)
+            def once(x: list[Any]) -> tuple[list[Any], Any]:
+                left = x[-1] - 1.0
+                return [*mapped(x[:-1], entries[6:], eps, r), left], left
+
+            (*state, _), _ = maps.graph.loop(once, [*entries[:6], *q, maps], 0.0, MOST)
+            cos, sin = of_turns(0.5 * (turn - nearest(turn)))
+            return [error, *finish(state, [x * unit for x in entries[6:]], cos, sin)]
+
+        return self._written(program)
 
 
 def _d_eps(m: Array, b: Array, *arguments: Any) -> list[Any]:
@@ -203,32 +209,6 @@ def _d_eps(m: Array, b: Array, *arguments: Any) -> list[Any]:
     hat, new, a = darboux(algebra.hat(m), b, p, eps, r)
     turned = (algebra.unit(algebra.quaternion_product(half_turns(a, b), x)) for x in q)
     return [*algebra.axial(hat), *new, *(v for x in turned for v in x)]
-
-
-def _write_maps(f: Function, rows: Rows, start: Recorded, mapped: Formula, finish: Formula) -> None:
-    """Maps from the results of `start`: error, count of the maps, state, p, eps, r, and the arguments of `finish`."""
-    kind, count = rows.states.kind, mapped.count
-    error, maps, *values = f.outputs(*start, rows.input, kind)
-    rows.errors[0] = error
-    (*p, eps, r), last = values[count : count + 5], values[count + 5 :]
-    memory = f.variables(count, kind)
-    memory.put(values[:count])
-    graph = Graph()
-    inputs = graph.inputs("x", count + 7)
-    number, maps_of_lane, eps_of_lane = inputs[-1], inputs[-3], inputs[-2]
-    step = where_less(number, maps_of_lane, eps_of_lane, 0.0)
-    new = as_operands(mapped(inputs[: count + 3], step, inputs[count + 3]))
-    # D_0 leaves m and b, but makes a quaternion of length 1 again: the maps of its neighbours would change its bits
-    new[6:] = [where_less(number, maps_of_lane, x, before) for x, before in zip(new[6:], inputs[6:count], strict=True)]
-    most, largest = f.variable(MOST), f.largest(maps)  # of the counts, at most MOST
-    with f.where(f.builder.fcmp_ordered("<", largest, DOUBLE(float(MOST)))):
-        most[0] = Integer(f.builder, f.builder.fptosi(largest, INTEGER))
-    with f.loop(0, most[0]) as k:
-        operands = [*memory.get(), *p, r, maps, eps, f.spread(k.double(), kind)]
-        memory.put(f.outputs(graph, new, lambda _, i: operands[i], kind))
-    graph = Graph()
-    arguments = [*memory.get(), *last]
-    rows.new.put(f.outputs(graph, finish(graph.inputs("x", count + 5)), lambda _, i: arguments[i], kind))
 
 
 class Leap(NamedTuple):
