@@ -26,6 +26,7 @@ from sizes import FULL
 from torques import torque_on
 
 formulas = cast("Any", page_of_orbits)  # of a page, without types
+HARRIS_PRIESTER = earth.tables()["harris-priester"]
 iers.conf.auto_download, iers.conf.auto_max_age = False, None
 iers.conf.iers_degraded_accuracy = "ignore"
 R = 6_371_200.0
@@ -186,7 +187,7 @@ def test_the_scale_heights_are_those_that_vallado_prints() -> None:
     """The table of densities is read; its column of scale heights is not."""
     printed = {100: 5.877, 120: 9.473, 180: 29.740, 250: 45.546, 400: 58.515, 500: 63.822, 700: 88.667, 900: 181.05}
     for low, scale in printed.items():
-        one, two = density(np.array([1e3 * low, 1e3 * low + 10]), earth.EXPONENTIAL, SUN)
+        one, two = density(np.array([1e3 * low, 1e3 * low + 10]), earth.tables()["exponential"], SUN)
         assert 10 / np.log(one / two) == pytest.approx(1e3 * scale, rel=2e-3)
 
 
@@ -196,16 +197,16 @@ def test_the_air_bulges_at_two_in_the_afternoon() -> None:
     c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
     apex = np.array([c * noon[0] - s * noon[1], s * noon[0] + c * noon[1], 0])
     for direction, values in ((apex, (3.162e-10, 2.042e-12, 5.741e-14)), (-apex, (2.557e-10, 3.916e-13, 4.68e-15))):
-        assert density(heights, earth.HARRIS_PRIESTER, direction, noon) == pytest.approx(values, rel=1e-6)
-    night, day = density(heights, earth.HARRIS_PRIESTER, np.array([0, 0, 1.0]), noon), 2.042e-12
+        assert density(heights, HARRIS_PRIESTER, direction, noon) == pytest.approx(values, rel=1e-6)
+    night, day = density(heights, HARRIS_PRIESTER, np.array([0, 0, 1.0]), noon), 2.042e-12
     assert night[1] == pytest.approx(3.916e-13 + (day - 3.916e-13) / 8, rel=1e-6)  # cos^6 of 45 degrees
 
 
 def test_rows_of_the_table_that_an_orbit_needs() -> None:
-    few = earth.rows_between(earth.HARRIS_PRIESTER, 490e3, 521e3)
+    few = earth.rows_between(HARRIS_PRIESTER, 490e3, 521e3)
     assert few[:, 0].tolist() == [480e3, 500e3, 520e3, 540e3]
     heights = np.linspace(490e3, 521e3, 50)
-    assert density(heights, few, SUN) == pytest.approx(density(heights, earth.HARRIS_PRIESTER, SUN), rel=1e-12)
+    assert density(heights, few, SUN) == pytest.approx(density(heights, HARRIS_PRIESTER, SUN), rel=1e-12)
 
 
 def test_air_turns_with_the_earth() -> None:
@@ -221,7 +222,7 @@ def test_air_turns_with_the_earth() -> None:
         (lambda: earth.igrf(days("1899-12-31")), "got 1899-12-31. For other dates use magnetic_field='dipole'"),
         (lambda: earth.igrf(0.0, 14), "integer from 1 to 13, got 14"),
         (
-            lambda: earth.rows_between(earth.EXPONENTIAL, 90e3, 2e5),
+            lambda: earth.rows_between(earth.tables()["exponential"], 90e3, 2e5),
             "from 100 to 1000 km, the lowest height of the orbit is 90",
         ),
     ],

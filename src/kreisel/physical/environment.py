@@ -8,6 +8,7 @@ Dates are days of UTC after 2000-01-01 12:00; UTC is used for UT1 and TT, which 
 from __future__ import annotations
 
 import datetime as dt
+import tomllib
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any, cast
@@ -110,37 +111,11 @@ def motion_of_sun(days: float) -> dict[str, Array]:
 # -- air -------------------------------------------------------------------------------------------
 
 
-def _table(text: str) -> Array:
-    """Rows of height in km, density by night and in the bulge in kg/m^3, as floats in SI."""
-    rows = [[float(x) for x in line.split()] for line in text.split(";")]
-    return np.array([[1e3 * row[0], row[1], row[-1]] for row in rows])
-
-
-# Vallado, Fundamentals of Astrodynamics and Applications, 4th ed., 2013, table 8-4, of CIRA-72 for an exospheric
-# temperature of 1000 K: nominal densities at base heights.
-EXPONENTIAL = _table("""
-    100 5.297e-7;  110 9.661e-8;  120 2.438e-8;  130 8.484e-9;  140 3.845e-9;  150 2.070e-9;  180 5.464e-10;
-    200 2.789e-10;  250 7.248e-11;  300 2.418e-11;  350 9.518e-12;  400 3.725e-12;  450 1.585e-12;  500 6.967e-13;
-    600 1.454e-13;  700 3.614e-14;  800 1.170e-14;  900 5.245e-15;  1000 3.019e-15
-""")
-# Montenbruck, Gill, Satellite Orbits, 2000, table 3.8, for mean solar activity; of Harris, Priester, Journal of the
-# Atmospheric Sciences 19 (1962) 286.
-HARRIS_PRIESTER = _table("""
-    100 4.974e-7 4.974e-7;  120 2.490e-8 2.490e-8;  130 8.377e-9 8.710e-9;  140 3.899e-9 4.059e-9;
-    150 2.122e-9 2.215e-9;  160 1.263e-9 1.344e-9;  170 8.008e-10 8.758e-10;  180 5.283e-10 6.010e-10;
-    190 3.617e-10 4.297e-10;  200 2.557e-10 3.162e-10;  210 1.839e-10 2.396e-10;  220 1.341e-10 1.853e-10;
-    230 9.949e-11 1.455e-10;  240 7.488e-11 1.157e-10;  250 5.709e-11 9.308e-11;  260 4.403e-11 7.555e-11;
-    270 3.430e-11 6.182e-11;  280 2.697e-11 5.095e-11;  290 2.139e-11 4.226e-11;  300 1.708e-11 3.526e-11;
-    320 1.099e-11 2.511e-11;  340 7.214e-12 1.819e-11;  360 4.824e-12 1.337e-11;  380 3.274e-12 9.955e-12;
-    400 2.249e-12 7.492e-12;  420 1.558e-12 5.684e-12;  440 1.091e-12 4.355e-12;  460 7.701e-13 3.362e-12;
-    480 5.474e-13 2.612e-12;  500 3.916e-13 2.042e-12;  520 2.819e-13 1.605e-12;  540 2.042e-13 1.267e-12;
-    560 1.488e-13 1.005e-12;  580 1.092e-13 7.997e-13;  600 8.070e-14 6.390e-13;  620 6.012e-14 5.123e-13;
-    640 4.519e-14 4.121e-13;  660 3.430e-14 3.325e-13;  680 2.632e-14 2.691e-13;  700 2.043e-14 2.185e-13;
-    720 1.607e-14 1.779e-13;  740 1.281e-14 1.452e-13;  760 1.036e-14 1.190e-13;  780 8.496e-15 9.776e-14;
-    800 7.069e-15 8.059e-14;  840 4.680e-15 5.741e-14;  880 3.200e-15 4.210e-14;  920 2.210e-15 3.130e-14;
-    960 1.560e-15 2.360e-14;  1000 1.150e-15 1.810e-14
-""")
-TABLES = {"exponential": EXPONENTIAL, "harris-priester": HARRIS_PRIESTER}
+@cache
+def tables() -> dict[str, Array]:
+    """The tables of air.toml: rows of height, density by night and in the bulge, in SI."""
+    data = tomllib.loads(resources.files("kreisel.physical").joinpath("air.toml").read_text("utf-8"))
+    return {name: np.array([[1e3 * row[0], row[1], row[-1]] for row in rows]) for name, rows in data.items()}
 
 
 def rows_between(table: Array, low: float, high: float) -> Array:
@@ -200,7 +175,7 @@ def _air(body: Satellite) -> dict[str, Any]:
     orbit = body.orbit
     if not orbit.primary.earthly:
         raise InputError(f"air: expected an orbit of the Earth, got one of the primary {orbit.primary.name}.")
-    require_one_of(TABLES, body.air, "air")
+    require_one_of(tables(), body.air, "air")
     if body.density:
         raise InputError("air: expected no density with it, got both. Give one of the two.")
     if body.air == "harris-priester" and body.sun is None:
@@ -211,7 +186,7 @@ def _air(body: Satellite) -> dict[str, Any]:
     high = max(path.semi_major_axis * (1 + path.eccentricity) for path in orbits) - R * (1 - f)
     return {
         "density": 1.0,
-        "air": rows_between(TABLES[cast("str", body.air)], low, high),
+        "air": rows_between(tables()[cast("str", body.air)], low, high),
         "bulge": 2 + 4 * np.sin(orbit.inclination) ** 2,
         "flattening": f,
         "air_rate": ROTATION,

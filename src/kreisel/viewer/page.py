@@ -94,21 +94,6 @@ MISSING = (
     "The script of this page is in an earlier cell, which is not here. Run that cell again, or restart the kernel and "
     "run this one."
 )
-SCRIPT = """(() => {
-const box = document.getElementById(%(name)s), page = %(page)s, mark = %(mark)s, lost = %(lost)s, version = %(version)s;
-const begun = Date.now();
-const show = () => {
-  const library = window.kreiselLibrary && window.kreiselLibrary[version];
-  if (library) {
-    const frame = document.createElement("iframe");
-    frame.setAttribute("sandbox", %(sandbox)s); frame.title = "Kreisel: view of a run";
-    frame.style.cssText = "width:100%%;height:660px;border:0"; frame.srcdoc = page.split(mark).join(library);
-    box.replaceChildren(frame);
-  } else if (Date.now() - begun > 1000 * %(wait)d) box.textContent = lost;
-  else setTimeout(show, 100);
-};
-show();
-})();"""
 
 _carried: dict[str, Any] = {"cell": None, "count": 0}
 
@@ -128,7 +113,8 @@ def cell(data: dict[str, Any]) -> str:
     }
     place = f"(window.kreiselLibrary = window.kreiselLibrary || {{}})[{as_json(version())}]"
     library = f"<script>{place} = {as_json(scripts()[0])};</script>" if _carries() else ""
-    return f'{library}<div id="{name}">Kreisel: view of a run</div><script>{SCRIPT % fill}</script>'
+    script = Template(_asset("cell.js").rstrip("\n")).substitute(fill)
+    return f'{library}<div id="{name}">Kreisel: view of a run</div><script>{script}</script>'
 
 
 def version() -> str:
