@@ -20,7 +20,7 @@ from kreisel.algebra import gradient
 from kreisel.bodies import BODIES
 from kreisel.bodies import orbit as page_of_orbits
 from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Satellite
-from kreisel.physical import environment as earth
+from kreisel.physical import satellite as earth
 from kreisel.runs.geometry import environment_of
 from sizes import FULL
 from torques import torque_on
