@@ -123,6 +123,9 @@ def test_angles_complain():
     assert np.isnan(analysis.rates(steady).precession).all()
     with pytest.raises(kr.InputError, match="steady"):
         analysis.mean_rates(steady)
+    free = kr.physical.FreeBody((1, 2, 2.5))
+    with pytest.raises(kr.InputError, match=r"^euler-top with n = 3 has no vertical and axis; .*SymmetricTop, .*\)\.$"):
+        analysis.mean_rates(kr.simulate(free, free.state((0.1, 0.2, 0.3)), dt=0.1, steps=20))
     sparse = kr.simulate(top, top.state(m=M0, a=A0), dt=3.0, steps=200, method="exact", progress=False)
     with pytest.raises(kr.InputError, match="save more often"):
         analysis.mean_rates(sparse)

@@ -90,6 +90,8 @@ def of_state(quantity: Quantity, model: Model) -> Callable[[tuple[Array, ...]], 
 def _function_values(function: Callable[..., Any], values: list[Array], shape: tuple[int, ...]) -> Array:
     try:
         out = np.asarray(function(*values))
+    except InputError:  # states its cause
+        raise
     except (TypeError, IndexError, ValueError) as error:
         raise InputError(
             f"The quantity could not be computed: {error}. A function gets the components of the state in order, as "

@@ -292,6 +292,8 @@ def pointing(
 ) -> Control:
     """Wheels that hold an attitude: the torque -stiffness a - damping (w - w_0), with a the rotation from the target.
 
+    The vector a is along the axis of the rotation; of an angle A its length is sin A for "orbit", else 2 sin(A/2).
+
     wheels     `Wheels` of the satellite, at least three; each has its share of the torque by the pseudoinverse
     stiffness, damping   N m/rad and N m s: I f^2 and 2 z I f for a frequency f and a damping ratio z
     target     "orbit": the body axes x ahead, y against the normal of the orbit, z down; or an attitude in space,
