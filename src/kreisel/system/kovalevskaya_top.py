@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.baecklund.kovalevskaya import TWO_FIELDS
 from kreisel.record.contract import Relation
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 
@@ -29,7 +28,6 @@ SYSTEM = replace(
     inverse_inertia=inverse_inertia,
     derive=shape,
     scaling="The moments of inertia of all planes are 1, except for 1/2 in the plane (1, 2); for n = 3 (1, 1, 1/2).",
-    pairs=TWO_FIELDS,
     relations=(
         Relation(
             "kovalevskaya-gyrostat",

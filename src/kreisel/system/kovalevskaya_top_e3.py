@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
-from kreisel.baecklund.kovalevskaya import ONE_FIELD
 from kreisel.record.contract import MOVING_SPACE, Relation, System, kicked_map, named, pullback
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
@@ -87,7 +86,7 @@ SYSTEM = System(
     integrals={"kovalevskaya": kovalevskaya},
     commuting=("kovalevskaya",),
     map=MAP,
-    pairs=replace(ONE_FIELD, between=8),
+    pairs=replace(gyrostat.ONE_FIELD, between=8),
     relations=(
         Relation("kovalevskaya-top", lambda M, P, g: ((M, P, 0 * P), {"n": 3}), meaning="one field of two, Q = 0"),
     ),

@@ -15,7 +15,6 @@ from dataclasses import replace
 
 from kreisel.algebra import bracket, hat, mat, pairing, vec
 from kreisel.algebra.invariants import diagonal, stack, trace
-from kreisel.baecklund.steklov import RUBANOVSKII, halves
 from kreisel.record.contract import Parameter, named
 from kreisel.system import steklov_lyapunov
 
@@ -23,7 +22,7 @@ from kreisel.system import steklov_lyapunov
 def constants(*, b, s, l, h):
     """The coefficients of `steklov_lyapunov`, and dH/dM, dH/dP by the rotor."""
     rotor, total = hat(h), b.sum(-1, keepdims=True)[..., None]
-    force = (mat(s) * (total - halves(b)) + mat(l)) * rotor
+    force = (mat(s) * (total - steklov_lyapunov.halves(b)) + mat(l)) * rotor
     return steklov_lyapunov.constants(b=b, s=s, l=l) | {"spun": mat(s) * rotor, "pushed": force}
 
 
@@ -73,7 +72,7 @@ SYSTEM = replace(
     **named(flow, energy, velocity, lax),
     derive=constants,
     integrals={"traces": traces},
-    pairs=RUBANOVSKII,
+    pairs=steklov_lyapunov.RUBANOVSKII,
     n=3,
     notes="No explicit map is known; method='exact'.",
 )

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 from kreisel.algebra import SECOND, THIRD, hat, vec
 from kreisel.algebra.invariants import stack
-from kreisel.baecklund.steklov import axial_pairs
 from kreisel.record.contract import Parameter, Relation
 from kreisel.record.values import refused
 from kreisel.system import kirchhoff_case, steklov_lyapunov
@@ -60,7 +59,7 @@ SYSTEM = replace(
     integrals={"lyapunov": lyapunov},
     commuting=("lyapunov",),
     lax=lax,
-    pairs=axial_pairs(matrix_b),
+    pairs=steklov_lyapunov.axial_pairs(matrix_b),
     notes="No explicit map is known; method='exact'.",
     relations=(
         Relation(
