@@ -259,6 +259,10 @@ def test_a_sweep_of_a_body_is_in_si(tmp_path: Path) -> None:
     assert found.time.attrs["units"] == "s" and float(found.time[-1]) == pytest.approx(5.0)
     assert found.momentum.attrs["units"] == "kg m^2/s" and found.attrs["kreisel_form"] == "SI"
     assert found.momentum_max.attrs == {**found.momentum_max.attrs, "units": "kg m^2/s", "axes": "state"}
+    assert found.attitude_max.attrs["long_name"].startswith("attitude of the axes of the state")
+    assert found.attitude_max.attrs["axes"] == "state" and found.attitude.attrs["axes"] == "body"
+    g = body.orientation(found.attitude.transpose("time", ...).values)  # of the principal axes
+    assert same(found.attitude_max, g.max(0), 1e-12) and same(found.attitude_min, g.min(0), 1e-12)
     size = np.linalg.norm(found.momentum.values, axis=-1)
     assert np.ptp(size, axis=found.momentum.dims.index("time")).max() < 1e-15
     assert same(found.momentum.isel(time=0), begun + np.array([[0.001, 0.0, 0.0], [0.002, 0.0, 0.0]]), 1e-12)

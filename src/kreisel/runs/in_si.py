@@ -156,8 +156,10 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
         by = scaling(size if forward else 1 / size) if suffix else frame.change(letter, forward)
         out = variable.copy(deep=False) if by is unchanged else _rows(variable.dims, [variable], by, frame.differs)
         out.attrs = _attributes(variable.attrs, frame, letter, new, unit, size if forward else 1 / size, forward)
-        if suffix and letter in frame.along and frame.turned:
-            out.attrs[AXES] = STATE  # minima and maxima along the axes given do not follow from those along others
+        if suffix and letter in (*frame.along, ORIENTATION) and frame.turned:
+            # minima and maxima along the axes given do not follow from those along others
+            meaning = str(out.attrs["long_name"]).replace("axes of the body", "body")
+            out.attrs |= {AXES: STATE, "long_name": meaning.replace("the body", "the axes of the state")}
         out.dims = tuple(axes.get(str(d), d) for d in out.dims)
         if name == "lane" and frame.lanes:
             ids = lanes_of(run, frame)
