@@ -30,8 +30,4 @@ from kreisel.analysis.frequencies import Lines, frequencies, megno, power_spectr
 from kreisel.analysis.light import brightness, light_curve
 from kreisel.analysis.photometry import TumblerFit, fit_light_curve
 
-__all__ = [
-    "Comparison", "Lines", "TumblerFit", "angular_velocity", "brightness", "compare", "error", "euler_angles",
-    "events", "fit_light_curve", "frequencies", "light_curve", "mean_rates", "megno", "path", "pointing",
-    "power_spectrum", "quaternions", "rates", "return_map", "rotations", "section",
-]  # fmt: skip
+__all__ = [name for name, value in globals().items() if name[0] != "_" and type(value).__name__ != "module"]
