@@ -361,9 +361,9 @@ def duration(frame: BodyFrame, value: Any, name: str) -> float:
     return float(scaled)
 
 
-def times_of(model: Model, values: Any, name: str = "times") -> Array:
+def times_of(model: Model, values: Any) -> Array:
     """Times in s, or with units, in the unit of time of the state.  Raises `InputError`."""
-    return np.asarray(Scale("s", model.body_frame.time_unit).scaled(values, name))
+    return np.asarray(Scale("s", model.body_frame.time_unit).scaled(values, "times"))
 
 
 NEAR = 1e-9  # relative: a duration that is a multiple of the step

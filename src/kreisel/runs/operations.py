@@ -133,12 +133,12 @@ def _of_record(record: Any, model: Model) -> Iterator[tuple[str, Any]]:
         elif isinstance(value, Mapping):
             for name, function in value.items():
                 for i, member in enumerate(function if isinstance(function, tuple) else (function,)):
-                    yield f"{field.name}.{name}.{i}", _recorded(member, _state_of(member, model))
+                    yield f"{field.name}.{name}.{i}", _recorded(member, _state_of(model))
         elif callable(value):
-            yield field.name, _recorded(value, _state_of(value, model))
+            yield field.name, _recorded(value, _state_of(model))
 
 
-def _state_of(function: Callable[..., Any], model: Model) -> Callable[[Graph], Any]:
+def _state_of(model: Model) -> Callable[[Graph], Any]:
     """The arguments of a function of a record: the state, and its keyword arguments."""
 
     def arguments(graph: Graph) -> Any:

@@ -356,15 +356,13 @@ def require_there(store: Path) -> None:
         )
 
 
-def seal(store: Path, variables: Mapping[str, Mapping[str, Any]] | None = None, **attrs: Any) -> None:
-    """Set the last attributes, of variables too, and list every file: the archive is complete.
+def seal(store: Path, **attrs: Any) -> None:
+    """Set the last attributes, and list every file: the archive is complete.
 
     Raises `FileNotFoundError` if a written chunk is missing.
     """
     with edited(store) as root:
         root["attributes"].update(attrs)
-        for name, entries in (variables or {}).items():
-            arrays_of(root)[name]["attributes"].update(entries)
     chunks = [(name, sha) for name, (sha, *_) in listed(store).items() if is_chunk(name)]
     for name, _ in chunks:
         os.stat(store / name)

@@ -54,8 +54,8 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
 
     Every file is compared with its SHA-256.  The times, the Casimirs and the integrals that depend only on the saved
     state are computed again, block by block.  From some rows the next row is computed again, with its state and its
-    orientation.  Lanes of a sweep that did not fail must have finite values; `kreisel.sweeps.sweep.check` computes some
-    of them again.  Raises `InputError` if there is no archive at all.
+    orientation.  Lanes of a sweep that did not fail must have finite values; `kreisel.sweeps.sweep.check_archive`
+    computes some of them again.  Raises `InputError` if there is no archive at all.
     """
     path = archive.settled(path)
     return check_lanes(path) if opening.is_sweep(path) else check_rows(path)

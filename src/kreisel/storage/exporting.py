@@ -88,9 +88,8 @@ def export(
 
     For the run of one body with its orientation, `.aem` is the attitude ephemeris message of the CCSDS, and `.bc` a
     kernel of attitude for SPICE, with its clock and its frame in a text kernel `.tsc` next to it (extra `spice`).  For
-    a satellite, `.oem` is the orbit ephemeris message.  They need `epoch`, the date of
-    time 0: "2026-01-01T00:00:00", or any argument of numpy.datetime64, unless the orbit has a date.  Labels, all
-    optional:
+    a satellite, `.oem` is the orbit ephemeris message.  They need `epoch`, the date of time 0: "2026-01-01T00:00:00",
+    or any argument of numpy.datetime64, unless the orbit has a date.  Labels, all optional:
 
     frame        of space; default: "EME2000", to which an orbit of the Earth with a date is rotated
     time_system  of `epoch`: "UTC";  time_unit, s, for other runs than of a body
