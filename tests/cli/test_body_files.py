@@ -13,7 +13,7 @@ import trimesh
 
 import kreisel as kr
 from kreisel import cli
-from kreisel.cli.configuration import parse, parse_sweep, read
+from kreisel.cli.configuration import Reader, kinds, parse, parse_sweep, read
 from kreisel.cli.new import samples, text_of_body
 from kreisel.errors import Faults
 from kreisel.physical import (
@@ -30,7 +30,6 @@ from kreisel.physical import (
     ThirdBody,
     Wheels,
 )
-from kreisel.physical.tables import Reader, kinds
 from kreisel.runs.planning import make_plan
 from kreisel.sweeps.sweep import check_archive
 from support import EXAMPLES

@@ -42,7 +42,7 @@ def samples() -> dict[str, dict[str, str]]:
 
 def text_of_body(name: str, target: Path) -> str:
     """The TOML file of a body, ready to run."""
-    from kreisel.physical.tables import kinds
+    from kreisel.cli.configuration import kinds
 
     sample, kind = samples()[name], kinds()[name]
     keys = (
