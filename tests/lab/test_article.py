@@ -23,6 +23,7 @@ from support import ROOT
 
 TESTED = {  # label of a formula: the test below
     **dict.fromkeys(("kick", "turn", "pencil", "lax"), "test_theorem"),
+    "rankpencil": "test_pencil_of_a_rank",
     **dict.fromkeys(("pqkick", "pqturn"), "test_tops"),
     "curve": "test_curve",
     "lagrangian": "test_lagrangian",
@@ -133,6 +134,44 @@ def test_theorem(lost: int) -> None:
     holds = (pencil(kicked, new, nu, mu) == left @ U @ pencil(M, F, nu, mu) @ V @ right).all()
     assert holds == (lost == 0)
     assert (A @ weights @ A @ weights == 0).all()
+
+
+def test_the_kick_is_the_flow_of_its_potential() -> None:
+    """M~ - M = -2 [F, dU/dF] for U = -(2/eps) tr log(1 + s B F); the other sign is the mutant."""
+    rng = np.random.default_rng(4)
+    B, F = symmetric(rng, 3), symmetric(rng, 3)
+    gradient = 0 * F
+    for i in range(3):
+        for j in range(3):
+            unit = 0 * F
+            unit[i, j] += Fraction(1, 2)
+            unit[j, i] += Fraction(1, 2)
+            gradient[i, j] = -2 / EPS * np.trace(inverse(one(3) + S * B @ F) @ (S * B @ unit))
+    X = F @ inverse(one(3) + S * B @ F)
+    kick = EPS * (X @ B - B @ X)
+    assert (-2 * (F @ gradient - gradient @ F) == kick).all()
+    assert (2 * (F @ gradient - gradient @ F) != kick).any()
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+def test_pencil_of_a_rank(rank: int) -> None:
+    """The determinant is conserved with D indefinite and P' = c P; not if the kick is twice as strong."""
+    rng = np.random.default_rng(5)
+    M, B, P = skew(rng, 3), symmetric(rng, 3), rational(rng, 3, rank)
+    D = np.diag([Fraction(v) for v in (1, -2, 3)[:rank]])
+
+    def step(strength: int) -> tuple[Any, Any]:
+        X = P @ D @ P.T @ inverse(one(3) + S * B @ P @ D @ P.T)
+        kicked = M + strength * EPS * (X @ B - B @ X)
+        return kicked, cay(-K * kicked) @ P
+
+    def value(M: Any, P: Any, nu: Fraction, mu: Fraction) -> Any:
+        upper, lower = nu * B + M - mu * one(3), nu * inverse(D) + S * (mu * P.T @ P + P.T @ M @ P)
+        return det(block([[upper, (one(3) + K * M) @ P], [-P.T @ (one(3) - K * M), lower]]))
+
+    for point in ((Fraction(5, 3), Fraction(-2, 11)), (Fraction(-1, 2), Fraction(3, 7))):
+        assert value(*step(1), *point) == value(M, P, *point)
+        assert value(*step(2), *point) != value(M, P, *point)
 
 
 def test_tops() -> None:
@@ -352,8 +391,17 @@ def test_darboux() -> None:
         lam = mpmath.mpf(6)
         mu = _eigenvalues(_lax(M, N, F, lam))[0]
         new = _darboux(M, N, F, lam, mu)[:3]
+        square = np.array([[mpmath.mpf(i == j) for j in range(5)] for i in range(5)], object)
+        for sign in (1, -1):  # the projector (x; y) (x; y)^T / 2 of the article, and the nilpotent (x; y) (x; -y)^T / 2
+            J5, v = np.diag([1, 1, 1, -1, -1]), _vector(_lax(M, N, F, lam), mu)
+            v = v / mpmath.sqrt(sum(v[:3] * v[:3]))
+            P = np.outer(v, v if sign == 1 else J5 @ v) / 2
+            z, Q = mpmath.mpf("0.7"), J5 @ P @ J5
+            V = square - P - Q + (z + lam) / (z - lam) * P + (z - lam) / (z + lam) * Q
+            assert (abs(V @ _lax(*new, z) - _lax(M, N, F, z) @ V).max() < 1e-30) == (sign == 1)
+        returned = _darboux(*new, -lam, -mu)[:3]  # the inverse
+        assert max(abs(a - b).max() for a, b in zip(returned, (M, N, F), strict=True)) < 1e-25
         for point, value in ((2, 3), (mpmath.mpf("0.4"), -1)):
-            square = np.array([[mpmath.mpf(i == j) for j in range(5)] for i in range(5)], object)
             before, after = (_determinant(_lax(*state, point) - value * square) for state in ((M, N, F), new))
             assert abs(before - after) < abs(before) * mpmath.mpf(10) ** -30
             wrong = _determinant(_lax(new[0], N, new[2], point) - value * square)
