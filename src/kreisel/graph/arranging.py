@@ -49,9 +49,8 @@ def arranged(
 def length(graph: Graph, outputs: Sequence[Operand]) -> int:
     """How many operations the outputs need when they are arranged; a body a few more."""
     count = 0
-    for _, operation, operands in _fused(graph, graph.needed(outputs), outputs):
-        if operation in (ops.LOOP, ops.BRANCH):
-            body = (graph.loops if operation == ops.LOOP else graph.branches)[operands[0]]
+    for place, operation, _ in _fused(graph, graph.needed(outputs), outputs):
+        if operation in (ops.LOOP, ops.BRANCH) and (body := graph.body_of(place)) is not None:
             count += len(_fused(graph, graph.needed_inside(body), body.new)) + LOOPING
         elif operation not in (ops.IN, ops.RESULT):
             count += 1

@@ -159,13 +159,8 @@ class Graph:
     def body_of(self, at: int) -> Loop | Branch | None:
         """The body of a node that is a loop or a branch; None for another one."""
         operation, *operands = self.nodes[at]
-        return (
-            self.loops[operands[0]]
-            if operation == LOOP
-            else self.branches[operands[0]]
-            if operation == BRANCH
-            else None
-        )
+        bodies: dict[str, Sequence[Loop | Branch]] = {LOOP: self.loops, BRANCH: self.branches}
+        return bodies[operation][operands[0]] if operation in bodies else None
 
     def needed(self, outputs: Iterable[Operand], members: Container[int] | None = None) -> list[int]:
         """The nodes that the outputs depend on, in order, of all or of those in `members`; not those inside loops."""
