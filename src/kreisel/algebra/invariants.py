@@ -352,12 +352,12 @@ def shifted(x: Array, k: int) -> Array:
     return x.__array_namespace__().concatenate([x[..., k:], x[..., :k]], -1)
 
 
-def cross(a: Spins, b: Spins) -> Spins:
-    """a x b at each site."""
+def cross(a: Sequence[Array], b: Sequence[Array]) -> Spins:
+    """a x b at each site, by the components along the first axis."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def inner(a: Spins, b: Spins) -> Array:
+def inner(a: Sequence[Array], b: Sequence[Array]) -> Array:
     """<a, b> at each site."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.invariants import cross, inner
 from kreisel.kernels.exact.jumps import jumps_of
 from kreisel.physical.free_body import periods_of, rotation_scheme
 
@@ -126,11 +127,7 @@ def _to_body(q: Array, v: Array) -> Array:
 
 
 def _cross(x: Array, y: Array) -> Array:
-    return np.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]])
-
-
-def _dot(x: Array, y: Array) -> Array:
-    return np.asarray(x[0] * y[0] + x[1] * y[1] + x[2] * y[2])
+    return np.stack(cross(x, y))
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,13 +195,13 @@ class Photometry:
         by_sun, by_view, *by_shape = (np.moveaxis(v, -1, 0) for v in slopes())
         lever = _cross(s, by_sun) + _cross(o, by_view)
         rotations, changes = self._variations(x, mode, (M, attitude, moments), momentum, q)
-        rates = [-_dot(lever, w) for w in rotations]
+        rates = [-inner(lever, w) for w in rotations]
         if self.axes is None and by_shape:
             squares = moments.sum(-1, keepdims=True) - 2 * moments
             for k, change in changes.items():
                 of_squares = change.sum(-1, keepdims=True) - 2 * change
                 of_inverse = (of_squares[:, :1] - squares[:, :1] / squares * of_squares) / squares  # of 1/axes^2
-                rates[k] += _dot(by_shape[0], of_inverse.T[:, None])
+                rates[k] += inner(by_shape[0], of_inverse.T[:, None])
         share = 2.5 / np.log(10) / np.maximum(flux, FAINTEST) / self.sigma[:, None]
         J = [self.without_constants(share * rate).T for rate in rates]
         return self._magnitudes(flux).T, np.nan_to_num(np.stack(J, -1))
@@ -218,7 +215,7 @@ class Photometry:
         motion, by the ratio of the periods, the moment and the amplitude, is varied by differences.
         """
         (M, attitude, moments), P, t = start, poles(x), self.time[:, None]
-        along, Omega = momentum / np.sqrt(_dot(momentum, momentum)), momentum / moments.T[:, None]
+        along, Omega = momentum / np.sqrt(inner(momentum, momentum)), momentum / moments.T[:, None]
         east = np.stack([-np.sin(x[:, 0]), np.cos(x[:, 0]), 0 * x[:, 0]], -1)
         out = [_to_body(q, v.T[:, None]) for v in (P[:, :, 2], -algebra.act(P, east))] + [along]
         spin = algebra.act(attitude, M / moments)  # at the epoch, the third axis at the azimuth 0
@@ -285,7 +282,7 @@ class Scan:
     def __init__(self, seen: Photometry, mode: str):
         self._seen, self._mode = seen, mode
         b = (seen.sun + seen.observer).T
-        b = b / np.sqrt(_dot(b, b))
+        b = b / np.sqrt(inner(b, b))
         self._bisector = COMPONENTS @ np.stack([b[i] * b[j] for i, j in PAIRS])
         reduced = seen.magnitude + 2.5 * np.log10(seen.ball)
         square = 10 ** (-0.8 * (reduced - reduced.mean()))
@@ -299,7 +296,7 @@ class Scan:
         R = np.stack([_to_body(q, e[:, None, None]) for e in np.eye(3)])
         axes = np.broadcast_to(self._seen.half_axes(moments), moments.shape)
         scaled = R * (1 / axes**2).T[:, None]  # R diag(1/axes^2) R^T without its trace, by five components
-        T = np.tensordot(COMPONENTS, np.stack([_dot(scaled[i], R[j]) for i, j in PAIRS]), 1)
+        T = np.tensordot(COMPONENTS, np.stack([inner(scaled[i], R[j]) for i, j in PAIRS]), 1)
         D = np.empty((26, *T.shape[1:]))
         weighted = self._bisector * self._weight
         np.multiply(weighted[:, None, :, None], T, out=D[:25].reshape(5, 5, *T.shape[1:]))

@@ -50,6 +50,7 @@ import numpy as np
 
 from kreisel.algebra import sqrt, vec
 from kreisel.algebra.gradient import cos, exp, log, sin, with_slope
+from kreisel.algebra.invariants import cross, inner
 from kreisel.errors import InputError, shown
 from kreisel.record.contract import Parameter
 from kreisel.record.table import EMPTY, Form, check
@@ -226,14 +227,9 @@ ORBIT = (
 # -- magnetic field --------------------------------------------------------------------------------
 
 
-def dot(x, y):
-    """The scalar product along the first axis."""
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
-
-
 def of_dipole(r, f):
     """B of a dipole along the third axis, f = R^3 g_10."""
-    square = dot(r, r)
+    square = inner(r, r)
     z = r[2] / square
     return np.array([3 * z * r[0], 3 * z * r[1], 3 * z * r[2] - 1]) * (f / (square * sqrt(square)))
 
@@ -270,7 +266,7 @@ def scaled(gauss):
 def field_of(r, values, R):
     """B in the frame of the primary, of coefficients in the normalization of `scale`."""
     N = degree_of(values)
-    length = sqrt(dot(r, r))
+    length = sqrt(inner(r, r))
     (s, t, u), q = r / length, R / length
     P = legendre(N + 1, u * q, q)
     across, ahead, up, out = 0.0, 0.0, 0.0, 0.0
@@ -335,12 +331,12 @@ def light(r, s, near, *, eclipse, shadow, disc):
     with the radii A, B of the circles in the stereographic projection that has the Sun in its centre, where circles
     are circles.  Needs A < B/3: for the Earth, distances up to 70 of its radii.
     """
-    length = sqrt(dot(r, r))
+    length = sqrt(inner(r, r))
     sin_a, sin_b = disc * near, shadow / length
     cos_a, cos_b = sqrt(1 - sin_a * sin_a), sqrt(ramp(1 - sin_b * sin_b) + TINY)
-    cos_c = -dot(r, s) / length
-    x = [r[1] * s[2] - r[2] * s[1], r[2] * s[0] - r[0] * s[2], r[0] * s[1] - r[1] * s[0]]
-    sin_c = sqrt(dot(x, x) / (length * length) + IN_LINE)
+    cos_c = -inner(r, s) / length
+    x = cross(r, s)
+    sin_c = sqrt(inner(x, x) / (length * length) + IN_LINE)
     between, most = cos_b - cos_a * cos_c, sin_a * sin_c + TINY
     cosine = within((size(between + most) - size(between - most)) / (2 * most))
     sine = sqrt(ramp(1 - cosine * cosine) + TINY)
@@ -381,7 +377,7 @@ def density_of_air(r, s, *, density, air, bulge, radius, flattening):
     night, day = map(exp, logs)
     c, lag = LAG
     apex = [c * s[0] - lag * s[1], lag * s[0] + c * s[1], s[2]]
-    toward = dot(r, apex) / sqrt(dot(r, r))
+    toward = inner(r, apex) / sqrt(inner(r, r))
     return density * (night + (day - night) * exp(bulge / 2 * log(ramp((1 + toward) / 2) + TINY)))
 
 

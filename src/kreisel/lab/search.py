@@ -20,6 +20,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, objects, vec, wedge
+from kreisel.algebra.invariants import cross
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.lab import dynamics
 from kreisel.lab.exact import fraction, fractions
@@ -371,4 +372,4 @@ def kahan_heavy_top(I3: Any = 1, tilt: Sequence[Any] = (0, 0, 1), I2: Any = 1, e
 
 
 def _cross(a: Array, b: Array) -> Array:
-    return objects(a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3] for i in range(3))
+    return objects(cross(a, b))
