@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import kreisel as kr
+from support import cross
 
 J, H = np.array((0.7, 1.1, 1.6)), np.array((0.3, -0.5, 0.8))
 MOMENTS = J.sum() - J
@@ -49,6 +51,14 @@ def test_permanent_rotations() -> None:
         M = H / (1 - nu * MOMENTS)
         (rate,) = kr.ZhukovskyVolterra(J=J, h=H).flow(kr.algebra.hat(M))
         assert abs(rate).max() < 1e-14 * (1 + M @ M)
+
+
+def test_back_in_time_momentum_and_wheel_are_reversed() -> None:
+    """Euler's equations with a wheel, backwards, by SciPy.  The momentum alone is the mutant."""
+    back = solve_ivp(lambda t, M: cross(M, (M - H) / MOMENTS), (0, -2.0), M0, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    for sign, equal in ((-1, True), (1, False)):
+        model = kr.ZhukovskyVolterra(J=J, h=sign * H)
+        assert np.allclose(-kr.at(model, {"M": -M0}, 2.0).M.values, back, atol=1e-10) is equal
 
 
 def test_the_momentum_stands_in_space() -> None:
