@@ -192,9 +192,7 @@ class TopMotion:
         turns = [0, 0] if self.apart else [nutation.period_turn(dual) / turn for dual in (False, True)]
         self.means = [t and (t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
         bp = ctx.sqrt(mp_number(ctx, integrals.A * integrals.P2))
-        most: list[
-            tuple[MpNumber, MpNumber, MpNumber]
-        ] = []  # of the sizes of m less the mean rotation, and of the mean rotations
+        most = list[tuple[MpNumber, ...]]()  # of the sizes of m less the mean rotation, and of the mean rotations
         for seen, turning, spinning in zip((integrals, integrals.dual), self.means, self.means[::-1], strict=True):
             w = turn * turning  # |m - w p/|p||^2, m^2 <= -x1
             along = 2 * w * mp_number(ctx, seen.c) / ctx.sqrt(mp_number(ctx, seen.P2)) if seen.P2 else 0
