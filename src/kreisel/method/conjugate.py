@@ -199,7 +199,7 @@ def maps(model: Model, state: State, dt: float, order: int | None, shares: Seque
         if copies.max() > MOST_COPIES:
             raise InputError(
                 f"No map was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual "
-                "cause: a step far too long, or a state that is not finite. Use a smaller dt."
+                "cause: a step far too long, or a state that is zero or not finite. Use a smaller dt or another method."
             )
         points = find(z, c, np.multiply.outer(shares, dt / copies)[..., None])
         sound = (points[..., 4] > 0).all(0)
