@@ -52,9 +52,10 @@ NEAR, MOST = 1e-20, 20  # of Newton's method: a squared change, relative, after 
 REAL = 1e-14  # relative: the rounding of a discriminant that is 0
 THIRD = np.array([0, 0, 1], dtype=np.int8)
 BLOCKS = np.array([0, 1, 2, 5, 3, 4, 6])
-PENCIL = np.zeros((7, 7), dtype=np.int8)  # b
-for i, j, sign in ((0, 3, 1), (1, 4, 1), (5, 6, -1)):
-    PENCIL[i, j] = PENCIL[j, i] = sign
+UNITS = np.zeros((3, 7, 7), dtype=np.int8)
+for k, (i, j) in enumerate(((0, 3), (1, 4), (5, 6))):
+    UNITS[k, i, j] = UNITS[k, j, i] = 1
+PENCIL = UNITS[0] + UNITS[1] - UNITS[2]  # b
 
 
 def tensor(M, P, *, kappa):
@@ -125,9 +126,7 @@ def inverse(kappa, beta, lam):
     scale = 1 / (w * square - 1)
     p, q, r = lam * beta * beta * scale, scale, lam * kappa * scale
     rows = np.stack([x, x, z, x, x, p, r], -1)[..., None] * identity(7)
-    for i, j, value in ((0, 3, y), (1, 4, y), (5, 6, q)):
-        unit = np.zeros((7, 7), dtype=np.int8)
-        unit[i, j] = unit[j, i] = 1
+    for unit, value in zip(UNITS, (y, y, q), strict=True):
         rows = rows + mat(value + zero) * unit
     return rows
 
@@ -144,11 +143,7 @@ def lax(M, P, *, kappa, beta, c, gamma, lam):
             [0 * p.mT, -plane.mT, none, none],
         ]
     )
-    first = np.zeros((7, 7), dtype=np.int8)
-    first[0, 3] = first[3, 0] = first[1, 4] = first[4, 1] = 1
-    up, down = np.zeros((2, 7, 7), dtype=np.int8)
-    up[5, 6] = down[6, 5] = 1
-    B = first + mat(square) * up + mat(kappa) * down
+    B = UNITS[0] + UNITS[1] + mat(square) * np.triu(UNITS[2]) + mat(kappa) * np.tril(UNITS[2])
     L = skew_of(M, P, beta=beta, c=c, gamma=gamma) @ inverse(kappa, beta, lam)
     return L, -(A.mT + L @ B.mT)
 
