@@ -173,6 +173,16 @@ def test_a_link_as_mujoco_reads_it(text: str, tmp_path: Path) -> None:
         np.testing.assert_allclose(part.inertia, TENSOR, atol=6e-9)
 
 
+def test_products_of_inertia_that_sdf_omits_are_zero(tmp_path: Path) -> None:
+    """SDFormat 1.9, inertial.sdf: default="0.0"; a moment that is omitted is refused, although its default is 1."""
+    diagonal = re.sub(r"<i(xy|xz|yz)>[^<]*</i\1>", "", SDF.replace("POSE", "0 0 0 0 0 0"))
+    (tmp_path / "arm.sdf").write_text(diagonal)
+    np.testing.assert_allclose(read_robot(tmp_path / "arm.sdf").inertia, np.diag([0.031, 0.042, 0.027]), rtol=1e-15)
+    (tmp_path / "arm.sdf").write_text(diagonal.replace("<ixx>0.031</ixx>", ""))
+    with pytest.raises(kr.InputError, match="ixx: expected 1 number"):
+        read_robot(tmp_path / "arm.sdf")
+
+
 @pytest.mark.parametrize(
     ("change", "link", "said"),
     [

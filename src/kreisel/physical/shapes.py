@@ -23,6 +23,7 @@ BELOW = 1e-6  # of the size of a triangle
 POINTS = 2000  # of an ellipsoid of facets
 DENT = 1e-3  # of the size of a shape: height of a vertex above a facet
 ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+PRODUCTS = dict.fromkeys(("ixy", "ixz", "iyz"), "0")  # defaults of SDFormat; its 1 for a moment is read as a mistake
 ROTATIONS = ("euler_rpy", "quat_xyzw")
 
 
@@ -209,7 +210,8 @@ def _links(element: ElementTree.Element, prefix: str) -> list[tuple[str, Element
 def _of_inertial(inertial: ElementTree.Element, name: str, sdf: bool) -> Part:
     """The mass properties of an element <inertial>.  Raises `InputError`."""
     if sdf:
-        values = {key: _numbers(inertial.findtext(f"inertia/{key}"), 1, f"{name}, {key}")[0] for key in ENTRIES}
+        texts = {key: inertial.findtext(f"inertia/{key}", PRODUCTS.get(key)) for key in ENTRIES}
+        values = {key: _numbers(text, 1, f"{name}, {key}")[0] for key, text in texts.items()}
         mass = _numbers(inertial.findtext("mass"), 1, f"{name}, mass")
         centre, R = _pose(inertial.find("pose"), name)
     else:
