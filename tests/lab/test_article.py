@@ -512,6 +512,20 @@ def test_steklov() -> None:
             assert abs(before - _determinant(X(s, new[0], P) - value * (s * square - B))) > 1e-6
 
 
+def test_a_single_map_of_steklov_changes_the_sign_of_a_rotor() -> None:
+    """V^T e V = -e at sigma = b_i, e the matrix of the i-th axis: the residues of (sigma - B)^-1 rho."""
+    b, q = (np.array([Fraction(v) for v in row], object) for row in ((1, 3, -2), (2, -1, 5)))
+    point = sum(b * q * q) / sum(q * q)  # there <q, C q> = 0
+    for s in (Fraction(4, 7), *b):
+        C = np.diag(s - b)
+        V = one(3) - 2 * np.outer(q, q) @ C / (sum(q * q) * (s - point))
+        assert (V.T @ C @ V == C).all() and (V @ V == one(3)).all() and det(V) == -1
+    for i, s in enumerate(b):
+        V = one(3) - 2 * np.outer(q, q) @ np.diag(s - b) / (sum(q * q) * (s - point))
+        axis = algebra.hat(one(3)[i])
+        assert (V.T @ axis @ V == -axis).all()
+
+
 def test_goryachev_chaplygin() -> None:
     rng = np.random.default_rng(32)
     M, P, g = rational(rng, 3), rational(rng, 3), Fraction(3, 5)
