@@ -44,7 +44,7 @@ from kreisel.algebra import (
     sqrt,
     vec,
 )
-from kreisel.algebra.invariants import diagonal
+from kreisel.algebra.invariants import blocks, diagonal
 from kreisel.algebra.iteration import repeat, times
 
 DOUBLINGS, MOST_DOUBLINGS = 10, 20  # straight-line for n = 3, else at most
@@ -130,7 +130,7 @@ def largest_step(M, J, P, enough=np.inf):
         B, C = 1j * outer * M / y[..., None], outer * P
         unit = np.broadcast_to(identity(n), B.shape)
         C = np.broadcast_to(C, B.shape)
-        u = np.linalg.eigvals(np.concatenate([np.concatenate([0 * B, unit], -1), np.concatenate([C, -B], -1)], -2))
+        u = np.linalg.eigvals(blocks([[0 * B, unit], [C, -B]]))
         real = abs(u.imag) <= 1e-6 * (abs(u).max(-1, keepdims=True) + 1e-300)
         return np.where(real, u.real, 0).max(-1)
 

@@ -45,6 +45,7 @@ from kreisel.algebra import (
     sqrt,
     vec,
 )
+from kreisel.algebra.invariants import blocks
 from kreisel.bodies.orbit import check_not_negative, check_positive
 from kreisel.bodies.satellite import check_moments, harmonics_3, harmonics_4
 from kreisel.exact import kepler, rotor_step
@@ -201,13 +202,13 @@ def tensor(r, v, L1, q1, L2, q2, *third, reduced, reduced3=None):
 
 def _canonical(r, mass):
     unit = identity(3) / mat(mass) + 0 * vec(r)
-    return np.concatenate([np.concatenate([0 * unit, -unit], -1), np.concatenate([unit, 0 * unit], -1)], -2)
+    return blocks([[0 * unit, -unit], [unit, 0 * unit]])
 
 
 def _of_rotor(L, q):
     turning = np.stack([_turning(identity(3)[i] + 0 * L, q) for i in range(3)], -2)  # (3, 4)
     none = 0 * turning.mT @ turning
-    return np.concatenate([np.concatenate([hat(L), turning], -1), np.concatenate([-turning.mT, none], -1)], -2)
+    return blocks([[hat(L), turning], [-turning.mT, none]])
 
 
 def draw(third, n, numbers):

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import dot, identity, sqrt, vec, wedge
-from kreisel.algebra.invariants import diagonal, stack
+from kreisel.algebra.invariants import blocks, diagonal, stack
 from kreisel.record.contract import Checks, Map, Parameter, System, named, pullback
 from kreisel.record.spheres import SPHERE_SPACE, random_on_sphere
 from kreisel.record.values import distinct, refused
@@ -58,7 +58,7 @@ of_double = pullback(neumann_veselov.SYSTEM, lambda x, q, g, *, b, mu: (lifted(x
 def turns(c, s):
     """The rotations of the planes: [[c, -s], [s, c]] of diagonal matrices, of size 2n."""
     c, s = diagonal(c), diagonal(s)
-    return np.concatenate([np.concatenate([c, -s], -1), np.concatenate([s, c], -1)], -2)
+    return blocks([[c, -s], [s, c]])
 
 
 def lax(x, q, *, b, mu, lam):
