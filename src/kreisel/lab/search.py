@@ -1,7 +1,7 @@
 """kr.lab.search: families of maps, their members looked at one by one and ranked.
 
-For the kinetic part -(1/eps) tr log(2I + W + W^T) and any potential U(P) the map is explicit, and rational if grad U
-is:
+The map of -(1/eps) tr log(2I + W + W^T) + U(P), U minus the potential energy of a step, is explicit, and rational if
+grad U is:
 
     M' = M + P ^ grad U(P),   P' = cay(-(eps/2) M') P.
 """

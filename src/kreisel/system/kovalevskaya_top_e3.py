@@ -2,7 +2,7 @@
 
 Moments of inertia 1, 1, 1/2, centre of mass along e_1: H = (M_1^2 + M_2^2)/2 + M_3^2 + P_1 and Kovalevskaya's integral
 K = |(M_1 + i M_2)^2/2 - P_1 - i P_2|^2.  Plus bracket, F' = {H, F}.  The map is Kreisel's own, found by
-`kreisel.lab.search`: a kick by the potential (4/eps) log(1 - (eps^2/4) P_1), and the rotation
+`kreisel.lab.search`: a kick by the potential -(4/eps) log(1 - (eps^2/4) P_1), and the rotation
 cay((eps/2) M) cay((eps/2) M_11), M_11 the part of M in the plane (1, 2): `kovalevskaya_gyrostat` with Q = 0, gamma = 0.
 """
 

@@ -1,6 +1,6 @@
 """Kovalevskaya top, n = 3, in two fields, with its map.  State (M, P, Q) in (so(3) <x 2 R^3)*, body frame.
 
-The map is that of `kovalevskaya_gyrostat` for gamma = 0: a kick by the potential (4/eps) log det(1 - (eps^2/4) F_11),
+The map is that of `kovalevskaya_gyrostat` for gamma = 0: a kick by the potential -(4/eps) log det(1 - (eps^2/4) F_11),
 F_11 the components of P and Q in the plane (1, 2), and the rotation cay((eps/2) M) cay((eps/2) M_11).
 
 Below M, P, Q are axial, z = M_3, F = (P, Q), N = P x Q, l = F^T M, d = F^T e_3; of 2-vectors a x b = a_1 b_2 - a_2 b_1.
