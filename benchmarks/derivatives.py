@@ -13,8 +13,7 @@ import numpy as np
 from cases import machine, parser, write
 
 import kreisel as kr
-from kreisel import algebra
-from kreisel import reduction as red
+from kreisel import algebra, reduction as red
 
 REPEAT = 3
 START = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}

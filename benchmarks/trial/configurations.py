@@ -28,9 +28,9 @@ from grammar import (
     parameters,
     plain,
     scaled,
+    state as state_of,
     toml,
 )
-from grammar import state as state_of
 from pool import note
 from speaking import said
 

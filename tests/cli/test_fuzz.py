@@ -22,14 +22,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, seed, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, seed, settings, strategies as st
 
 import kreisel as kr
 from kreisel.cli import configuration as config
 from kreisel.runs import integration
-from kreisel.storage import checking
-from kreisel.storage import simulate as runs
+from kreisel.storage import checking, simulate as runs
 from kreisel.storage.opening import too_large
 from kreisel.sweeps.sweep import carry_out, check_archive
 from support import ROOT, configuration

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.exact import motion as motions
-from kreisel.exact import parts
+from kreisel.exact import motion as motions, parts
 from kreisel.exact.motion import TopMotion
 from kreisel.exact.nutation import Nutation
 from kreisel.kernels.exact import engine

@@ -19,8 +19,7 @@ import pytest
 import gpus
 import kreisel as kr
 from kreisel import algebra
-from kreisel.graph import graph as operations
-from kreisel.graph import machine
+from kreisel.graph import graph as operations, machine
 from kreisel.graph.arranging import arranged, pulled, pushed
 from kreisel.graph.graph import Graph, evaluated, fma, if_positive, maximum, repeated, where_less
 from kreisel.kernels import gpu

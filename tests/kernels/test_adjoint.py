@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel import algebra
-from kreisel import reduction as red
+from kreisel import algebra, reduction as red
 from kreisel.algebra import backend
 from kreisel.algebra.gradient import cos, exp, log, sin
 from kreisel.graph import arranging

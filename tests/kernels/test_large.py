@@ -9,8 +9,7 @@ import kreisel as kr
 import walks
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.kernels.large import forms
-from kreisel.kernels.large import kernel as large
+from kreisel.kernels.large import forms, kernel as large
 from kreisel.kernels.large.structured import Dense, Matrix, Vector
 from kreisel.method import Scheme, scheme
 from kreisel.method.scheme import Steps

@@ -17,8 +17,13 @@ from kreisel.lab.darboux import Ratio
 from kreisel.lab.exact import fraction
 from kreisel.lab.subject import subject
 from kreisel.record.calling import call
-from kreisel.system import kovalevskaya_gyrostat as gyrostat
-from kreisel.system import kovalevskaya_top, kovalevskaya_top_e3, kovalevskaya_top_so3, kovalevskaya_top_sp4
+from kreisel.system import (
+    kovalevskaya_gyrostat as gyrostat,
+    kovalevskaya_top,
+    kovalevskaya_top_e3,
+    kovalevskaya_top_so3,
+    kovalevskaya_top_sp4,
+)
 
 ONE, TWO, SECOND = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM, kovalevskaya_top_sp4.SYSTEM
 

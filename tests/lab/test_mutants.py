@@ -11,8 +11,7 @@ import pytest
 from kreisel import algebra, implicit
 from kreisel.algebra import act, cayley_act, dot, invariants, mat, pairing, trace_log, vec, wedge
 from kreisel.algebra.invariants import border, diagonal, su2
-from kreisel.baecklund import clebsch as body_maps
-from kreisel.baecklund import lagrange_top as top_maps
+from kreisel.baecklund import clebsch as body_maps, lagrange_top as top_maps
 from kreisel.lab import laws
 from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
 from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised

@@ -16,8 +16,7 @@ import kreisel as kr
 from compilers import run, syntax_errors
 from kreisel.bodies import BODIES
 from kreisel.checkcases.catalogue import law_of
-from kreisel.cli.checkcases import SYSTEMS as checkcase_systems
-from kreisel.cli.checkcases import files_of
+from kreisel.cli.checkcases import SYSTEMS as checkcase_systems, files_of
 from kreisel.cli.configuration import read
 from kreisel.runs import examples
 from kreisel.runs.planning import make_plan

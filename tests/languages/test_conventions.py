@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from compilers import output
-from kreisel.languages.bodies import CONVENTIONS as STATED
-from kreisel.languages.bodies import Convention
+from kreisel.languages.bodies import CONVENTIONS as STATED, Convention
 from support import cross
 
 

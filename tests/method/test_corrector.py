@@ -14,8 +14,7 @@ import pytest
 import kreisel as kr
 from kreisel.algebra.reuse import forget
 from kreisel.bodies import BODIES
-from kreisel.method import auto, composition
-from kreisel.method import splitting as method
+from kreisel.method import auto, composition, splitting as method
 from kreisel.method.composition import CORRECTED, Splitting, corrector, inverse, joined
 from kreisel.runs.planning import make_plan
 from kreisel.storage.checking import steps_again

@@ -17,10 +17,8 @@ from ppigrf import igrf_gc
 import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra import gradient
-from kreisel.bodies import BODIES
-from kreisel.bodies import orbit as page_of_orbits
-from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Satellite
-from kreisel.physical import satellite as earth
+from kreisel.bodies import BODIES, orbit as page_of_orbits
+from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Satellite, satellite as earth
 from kreisel.runs.geometry import environment_of
 from sizes import FULL
 from torques import torque_on

@@ -18,8 +18,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
-from clouds import G as CODATA
-from clouds import cloud, integrated
+from clouds import G as CODATA, cloud, integrated
 from kreisel import algebra
 from kreisel.kernels.layout import MACHINE_EPSILON as EPS
 from kreisel.physical import GravityBody

@@ -15,8 +15,7 @@ import pytest
 
 import kreisel as kr
 import walks
-from kreisel import algebra
-from kreisel import reduction as red
+from kreisel import algebra, reduction as red
 from kreisel.algebra import invariants
 from kreisel.lab import exact, laws
 from kreisel.record.contract import System

@@ -12,8 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import kreisel as kr
-from kreisel import algebra
-from kreisel import reduction as red
+from kreisel import algebra, reduction as red
 from kreisel.algebra import invariants
 from kreisel.algebra.iteration import repeat
 from kreisel.baecklund import lagrange_top

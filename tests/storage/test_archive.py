@@ -14,8 +14,7 @@ import zarr
 
 import kreisel as kr
 from kreisel.runs import integration as runs
-from kreisel.storage import archive
-from kreisel.storage import run_archive as archives
+from kreisel.storage import archive, run_archive as archives
 from kreisel.sweeps.sweep import check_archive
 
 OPTIONS = {"dt": 0.1, "steps": 100, "every": 3}

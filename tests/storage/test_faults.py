@@ -20,8 +20,7 @@ import zarr
 import kreisel as kr
 from kreisel.process import Lock
 from kreisel.runs import integration
-from kreisel.storage import archive
-from kreisel.storage import simulate as runs
+from kreisel.storage import archive, simulate as runs
 from kreisel.sweeps.sweep import check_archive
 from support import ROOT
 

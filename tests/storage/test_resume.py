@@ -24,8 +24,7 @@ from kreisel.bodies import BODIES
 from kreisel.lab import exact
 from kreisel.process import Lock
 from kreisel.runs import integration
-from kreisel.storage import archive, checking, opening
-from kreisel.storage import simulate as runs
+from kreisel.storage import archive, checking, opening, simulate as runs
 from kreisel.sweeps.sweep import check_archive
 from kreisel.system import REGISTRY
 from sizes import FULL

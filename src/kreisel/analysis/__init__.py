@@ -15,19 +15,24 @@ table of pandas, or a small record with a `plot()`; `kreisel.viewer.charts` draw
 """
 
 from kreisel.analysis.angles import (
-    angular_velocity,
-    euler_angles,
-    mean_rates,
-    path,
-    pointing,
-    quaternions,
-    rates,
-    rotations,
+    angular_velocity as angular_velocity,
+    euler_angles as euler_angles,
+    mean_rates as mean_rates,
+    path as path,
+    pointing as pointing,
+    quaternions as quaternions,
+    rates as rates,
+    rotations as rotations,
 )
-from kreisel.analysis.comparison import Comparison, compare, error
-from kreisel.analysis.events import events, return_map, section
-from kreisel.analysis.frequencies import Lines, frequencies, megno, power_spectrum
-from kreisel.analysis.light import brightness, light_curve
-from kreisel.analysis.photometry import TumblerFit, fit_light_curve
+from kreisel.analysis.comparison import Comparison as Comparison, compare as compare, error as error
+from kreisel.analysis.events import events as events, return_map as return_map, section as section
+from kreisel.analysis.frequencies import (
+    Lines as Lines,
+    frequencies as frequencies,
+    megno as megno,
+    power_spectrum as power_spectrum,
+)
+from kreisel.analysis.light import brightness as brightness, light_curve as light_curve
+from kreisel.analysis.photometry import TumblerFit as TumblerFit, fit_light_curve as fit_light_curve
 
 __all__ = [name for name, value in globals().items() if name[0] != "_" and type(value).__name__ != "module"]

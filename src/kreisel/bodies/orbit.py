@@ -42,8 +42,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import pairwise
-from math import isqrt, pi, prod
-from math import sqrt as root
+from math import isqrt, pi, prod, sqrt as root
 from typing import Any, NamedTuple
 
 import numpy as np

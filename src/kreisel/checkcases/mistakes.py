@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.checkcases.laws import FIELD, FREE, cross, quaternion_rate, rotation, times, to_body
-from kreisel.checkcases.laws import exact as rational
+from kreisel.checkcases.laws import FIELD, FREE, cross, exact as rational, quaternion_rate, rotation, times, to_body
 
 if TYPE_CHECKING:
     from kreisel.checkcases.catalogue import Case

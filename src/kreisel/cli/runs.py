@@ -235,8 +235,7 @@ def export(
     angles: str | None = opt("Add pitch, roll and yaw: orbit, lvlh, inertial or ground."),
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV, NPZ; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
-    from kreisel.storage.exporting import date_of
-    from kreisel.storage.exporting import export as write
+    from kreisel.storage.exporting import date_of, export as write
 
     write(archive, out, overwrite=overwrite, epoch=None if epoch is None else date_of(epoch, "--epoch"), angles=angles)
     say(f"{archive} -> {out}")
@@ -255,8 +254,7 @@ def plot(
     """Draw the figure of an archive; for a sweep, a summary of its lanes over one or two varied quantities."""
     from kreisel.storage.archive import settled
     from kreisel.storage.opening import is_sweep, open_lanes, open_rows
-    from kreisel.viewer.plots import plot as drawn
-    from kreisel.viewer.plots import sweep_figure
+    from kreisel.viewer.plots import plot as drawn, sweep_figure
 
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
     where, theme = settled(archive), "dark" if dark else "light"

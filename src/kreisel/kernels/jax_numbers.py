@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from jax.core import ShapedArray
 from jax.extend.core import Primitive
-from jax.interpreters import ad as differentiation
-from jax.interpreters import batching, mlir
+from jax.interpreters import ad as differentiation, batching, mlir
 
 from kreisel import algebra
 from kreisel.algebra import Array

@@ -20,8 +20,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.backend import Complex
 from kreisel.errors import InputError, explained, shown
-from kreisel.lab import exact
-from kreisel.lab import law as orders
+from kreisel.lab import exact, law as orders
 from kreisel.lab.exact import along, random_rotation, slopes
 from kreisel.lab.law import LAWS, ORDER_TOLERANCE, TOLERANCE, Case, Law, Sides, Verdict, law, residual, states
 from kreisel.record.calling import call, keywords

@@ -37,8 +37,7 @@ from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of,
 from kreisel.forces.product import Factor, of_bodies
 from kreisel.forces.records import conserved
 from kreisel.method import driven
-from kreisel.method.composition import Splitting as Fractions
-from kreisel.method.composition import corrector, inverse, splitting, symmetric_composition
+from kreisel.method.composition import Splitting as Fractions, corrector, inverse, splitting, symmetric_composition
 from kreisel.method.scheme import (
     COUNT,
     COUPLED_N,

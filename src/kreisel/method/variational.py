@@ -27,8 +27,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.method.composition import DEFECT, composed
-from kreisel.method.scheme import Guard, Scheme, State, observer
-from kreisel.method.scheme import turned as rotated
+from kreisel.method.scheme import Guard, Scheme, State, observer, turned as rotated
 from kreisel.record.calling import call
 from kreisel.record.contract import System
 from kreisel.record.model import Model

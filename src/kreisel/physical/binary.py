@@ -14,8 +14,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.gradient import value_and_gradient
 from kreisel.algebra.reuse import cached_property
-from kreisel.bodies import BODIES, satellite
-from kreisel.bodies import binary as formulas_of_pairs
+from kreisel.bodies import BODIES, binary as formulas_of_pairs, satellite
 from kreisel.bodies.binary import G
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.body import Varied

@@ -13,34 +13,34 @@
 JAX computes in float64 inside `double()`; the user's settings remain unchanged.
 """
 
-from kreisel.record.contract import Frame, Parameter
+from kreisel.record.contract import Frame as Frame, Parameter as Parameter
 from kreisel.reduction.equations import (
-    Continuous,
-    Discrete,
-    Unreduced,
-    left_derivative,
-    reduce,
-    right_derivative,
-    symmetric_rule,
+    Continuous as Continuous,
+    Discrete as Discrete,
+    Unreduced as Unreduced,
+    left_derivative as left_derivative,
+    reduce as reduce,
+    right_derivative as right_derivative,
+    symmetric_rule as symmetric_rule,
 )
 from kreisel.reduction.groups import (
-    SE3,
-    SO,
-    SU2,
-    Group,
-    Representation,
-    adjoint,
-    casimir_count,
-    casimir_gradients,
-    matrix_group,
-    product,
-    quadratic_casimirs,
-    representation,
-    standard,
-    trivial,
-    unit_sums,
+    SE3 as SE3,
+    SO as SO,
+    SU2 as SU2,
+    Group as Group,
+    Representation as Representation,
+    adjoint as adjoint,
+    casimir_count as casimir_count,
+    casimir_gradients as casimir_gradients,
+    matrix_group as matrix_group,
+    product as product,
+    quadratic_casimirs as quadratic_casimirs,
+    representation as representation,
+    standard as standard,
+    trivial as trivial,
+    unit_sums as unit_sums,
 )
-from kreisel.reduction.numerics import double
-from kreisel.reduction.records import system
+from kreisel.reduction.numerics import double as double
+from kreisel.reduction.records import system as system
 
 __all__ = [name for name, value in globals().items() if name[0] != "_" and type(value).__name__ != "module"]

@@ -35,7 +35,7 @@ from kreisel.algebra.backend import nearest_axes
 from kreisel.errors import InputError
 
 try:
-    import jax
+    import jax as jax
 except ImportError as error:
     raise InputError(
         f"kreisel.reduction needs JAX, and {error.name} is missing. Install it with: pip install 'kreisel[reduction]'"

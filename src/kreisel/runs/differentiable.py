@@ -31,8 +31,7 @@ from kreisel.method.scheme import (
     turned,
     with_orientation,
 )
-from kreisel.method.splitting import REACH, closed_form
-from kreisel.method.splitting import make as splitting
+from kreisel.method.splitting import REACH, closed_form, make as splitting
 from kreisel.record.body import Body, as_body
 from kreisel.record.calling import call
 from kreisel.record.contract import ExactMap, Frame

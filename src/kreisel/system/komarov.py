@@ -37,9 +37,22 @@ from functools import reduce
 
 import numpy as np
 
-from kreisel.algebra import KINDS, axial, bracket, cross, dot, hat, identity, mat, parts, sqrt, vec, where_less
-from kreisel.algebra import shifted_resolvent as resolvent
-from kreisel.algebra import together as complex_of
+from kreisel.algebra import (
+    KINDS,
+    axial,
+    bracket,
+    cross,
+    dot,
+    hat,
+    identity,
+    mat,
+    parts,
+    shifted_resolvent as resolvent,
+    sqrt,
+    together as complex_of,
+    vec,
+    where_less,
+)
 from kreisel.algebra.backend import Complex
 from kreisel.algebra.invariants import blocks, lie_poisson, stack
 from kreisel.baecklund.conjugate import LARGE, largest, longest, norm

@@ -12,9 +12,7 @@ import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
 from kreisel.record.contract import MOVING_SPACE, Relation, System, kicked_map, named, pullback
-from kreisel.system import kovalevskaya_gyrostat as gyrostat
-from kreisel.system import kovalevskaya_top as top
-from kreisel.system import kovalevskaya_top_so3 as two
+from kreisel.system import kovalevskaya_gyrostat as gyrostat, kovalevskaya_top as top, kovalevskaya_top_so3 as two
 
 
 def flow(M, P, *, c, e):  # M' = [M, Omega] + e_1 ^ P,   P' = -Omega P

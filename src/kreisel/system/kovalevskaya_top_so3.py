@@ -16,8 +16,7 @@ import numpy as np
 from kreisel.algebra import act, axial, cross, dot
 from kreisel.record.contract import Checks, Relation
 from kreisel.record.values import nonzero_vector
-from kreisel.system import kovalevskaya_gyrostat as gyrostat
-from kreisel.system import kovalevskaya_top as top
+from kreisel.system import kovalevskaya_gyrostat as gyrostat, kovalevskaya_top as top
 
 
 def shifted(M, P, eps):

@@ -17,8 +17,7 @@ import numpy as np
 from kreisel.algebra import axial, cayley, cross, dot, hat, identity, mat, solve, vec, wedge
 from kreisel.algebra.invariants import SU2_IMAGINARY, SU2_REAL, blocks
 from kreisel.record.contract import Relation, kicked_map, named
-from kreisel.system import kovalevskaya_top_e3 as first
-from kreisel.system import quadratic_field as general
+from kreisel.system import kovalevskaya_top_e3 as first, quadratic_field as general
 
 PLANE = np.array([0, 0, 1], dtype=np.int8)
 B = np.diag([-1, 1, 0, 0]).astype(np.int8)

@@ -16,8 +16,7 @@ import numpy as np
 from kreisel.algebra import act, dot, identity, log, mat, pairing, trace_log, wedge
 from kreisel.algebra.invariants import border
 from kreisel.record.contract import Relation, kicked_map, named
-from kreisel.system import quadratic_field as general
-from kreisel.system import symmetric_top
+from kreisel.system import quadratic_field as general, symmetric_top
 
 
 def kick(P, *, A, eps):

@@ -16,8 +16,14 @@ from kreisel.lab.paper.setting import Diagonal, Eps, Lam, Scalar, Setting, Skew,
 from kreisel.lab.paper.statements import leaf_rank, rank, stated
 from kreisel.record.calling import call
 from kreisel.record.contract import FIELD_SPACE, MOVING_SPACE, TWO_FIELDS_SPACE
-from kreisel.system import REGISTRY, komarov, kovalevskaya_top_e3, kovalevskaya_top_so3, quadratic_field
-from kreisel.system import kovalevskaya_gyrostat as gyrostat
+from kreisel.system import (
+    REGISTRY,
+    komarov,
+    kovalevskaya_gyrostat as gyrostat,
+    kovalevskaya_top_e3,
+    kovalevskaya_top_so3,
+    quadratic_field,
+)
 
 FIELDS = "Beyond the paper, quadratic fields"
 FAMILY = "Beyond the paper, Kovalevskaya's top on e(3), so(4) and so(3,1)"
