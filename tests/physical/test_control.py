@@ -272,6 +272,12 @@ MISTAKES = {
     "a limit of no command": (lambda: noisy(limits={"torque": 1}), "limits: expected a number"),
     "noise of a sensor that the law lacks": (lambda: noisy(noise={"sun": 1e-3}), "expected sensors of the law, field"),
     "a name of the body": (lambda: noisy(parameters={"gain": 1, "drag": 1}), "neither sensors nor the body"),
+    "a name of a constant of the body": (lambda: noisy(parameters={"gain": 1, "c": 1}), "neither sensors nor the body"),
+    "the name of the time": (lambda: noisy(parameters={"gain": 1, "t": 1}), "neither sensors nor the body"),
+    "a matrix": (
+        lambda: noisy_law(lambda rates, *, K: {"torque": K @ rates}, parameters={"K": np.eye(3)}),
+        r"got \(\)\. .* K \(3, 3\) has a vector for each lane",
+    ),
     "memory with the name of a variable": (lambda: kr.Control(bdot, memory={"work": 0.0}), "no variable of a run has"),
     "memory with the name of a velocity": (lambda: kr.Control(bdot, memory={"angular_velocity": 0.0}), "no variable"),
     "a delay": (lambda: noisy(delay=-1), "delay: expected an integer"),

@@ -238,3 +238,18 @@ def test_a_table_that_ends_too_soon_is_told_in_seconds() -> None:
     with pytest.raises(kr.InputError, match=r"motor: .* 0 to 4, got one from 0 to 3\.") as caught:
         kr.simulate(body, body.state(SPIN), dt="5 ms", t_end="4 s")
     assert "multiples" not in str(caught.value)
+
+
+def test_parameters_with_names_of_quantities_are_refused() -> None:
+    """They were ignored: the momentum is not the state's letter of a gyroscope."""
+    with pytest.raises(kr.InputError, match=r"^params: expected names other than M, Omega, g, t, got 'M'"):
+        Gyroscope(1.0, 0.1, 0.2, 0.1, torque=lambda Omega, M: -M * Omega, params={"M": 0.01}).model()
+
+
+def test_functions_of_exec_have_no_module() -> None:
+    """In a state of its names; the motion is the exponential of -k t/I."""
+    names: dict[str, Any] = {}
+    exec("def brake(Omega): return -0.1 * Omega", names)
+    body = FreeBody((1.0, 2.0, 2.5), torque=names["brake"])
+    run = kr.simulate(body, body.state((0, 0, 1.0)), dt="0.5 s", t_end="10 s")
+    assert run.angular_velocity.values[-1, 2] == pytest.approx(np.exp(-0.1 / 2.5 * 10), rel=1e-9)

@@ -415,6 +415,8 @@ class Forced(Varied):
         params = {} if self.params is None else self.params
         if not isinstance(params, Mapping):
             raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
+        if taken := [name for name in params if name in quantities]:
+            raise InputError(f"params: expected names other than {', '.join(quantities)}, got {shown(taken[0])}.")
         axes = model.body_frame
         turn, momentum = axes.axes, axes.size(model.system.space.letters[0])
         frame: dict[str, Any] = {"axes": turn, "time": axes.time_unit, "momentum": momentum}

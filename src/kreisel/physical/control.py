@@ -22,7 +22,7 @@ from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import control as sampling
 from kreisel.forces.control import BIAS, COMMANDS, DEVIATION, LIMIT, QUEUE, SENSORS, WHEEL_LIMIT
 from kreisel.forces.kicks import BODY_AXES, HELD, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
-from kreisel.method.scheme import BALANCE, WORK
+from kreisel.method.scheme import BALANCE, ORIENTATION, WORK
 from kreisel.physical.measures import (
     attitude_quaternion,
     convert_fields,
@@ -34,7 +34,7 @@ from kreisel.physical.measures import (
 from kreisel.record.calling import arguments_of
 from kreisel.record.contract import Parameter
 from kreisel.record.model import Model
-from kreisel.record.perturbation import FIELDS, Controller
+from kreisel.record.perturbation import FIELDS, TIME, Controller
 from kreisel.record.values import CLOSE, is_vector, shape_of
 from kreisel.runs.in_si import ADDED, MEANINGS
 
@@ -144,7 +144,7 @@ class Control:
         """The model with this controller, in the units of its body.  Raises `InputError`."""
         count = 0 if wheels is None else len(wheels.axes)
         parameters = [_parameter(name, value, "of the law") for name, value in self.parameters.items()]
-        used = {*model.params, *model.system.space.letters, *SENSORS}
+        used = {*model.constants, *model.system.space.letters, *SENSORS, ORIENTATION, TIME}
         taken = (used | {*self.memory}) & {*self.parameters} | used & {*self.memory}
         if taken:
             raise InputError(f"Control: expected names that neither sensors nor the body have, got {', '.join(taken)}.")
@@ -188,6 +188,18 @@ class Control:
         remedy = "Memory of the law is in memory={...}, other values are in parameters={...}."
         return arguments_of(self.law, [*sensors, *self.memory, *self.parameters], "law", remedy)
 
+    def _called(self, recorded: Mapping[str, Any], lengths: dict[str, int], memory: Mapping[str, Any]) -> Any:
+        try:
+            return sampling.called(self.law, recorded, lengths, memory)
+        except InputError as error:
+            tables = [name for name, value in self.parameters.items() if len(shape_of(value)) == 2]
+            if not tables:
+                raise
+            lanes = f"The parameter {tables[0]} {shape_of(self.parameters[tables[0]])} has a vector for each lane"
+            raise InputError(
+                f"{error} {lanes}: write a matrix into the law, or give its rows as parameters."
+            ) from error
+
     def _tried(self, arguments: Sequence[str], shapes: Mapping[str, Any], lengths: dict[str, int]) -> dict[str, int]:
         """The lengths of the commands that the law returns, run twice on random values.  Raises `InputError`."""
         rng, runs = np.random.default_rng(0), []
@@ -196,7 +208,7 @@ class Control:
             tape: list[Any] = []
             recorded = {name: traced(tape, value, value.ndim) for name, value in values.items()}
             with np.errstate(all="ignore"):
-                result = sampling.called(self.law, recorded, lengths, {name: shapes[name] for name in self.memory})
+                result = self._called(recorded, lengths, {name: shapes[name] for name in self.memory})
             runs.append({k: [float(getattr(v, "value", v)) for v in value.flat] for k, value in result.items()})
         if any(runs[0][name] != value for name, value in runs[1].items()):
             raise InputError(

@@ -271,8 +271,9 @@ def _function(f: types.FunctionType, seen: frozenset[int]) -> Any:
         with contextlib.suppress(ValueError):  # an empty cell
             contents.append(cell.cell_contents)
     cells = [_code(value, seen) for value in contents]
-    if f.__module__.partition(".")[0] == "kreisel" or "site-packages" in f.__code__.co_filename:
-        return f.__module__, f.__qualname__, defaults, cells
+    module = f.__module__ or ""  # of functions that exec created: none
+    if module.partition(".")[0] == "kreisel" or "site-packages" in f.__code__.co_filename:
+        return module, f.__qualname__, defaults, cells
     globals_used = [
         _code(f.__globals__[name], seen) if name in f.__globals__ else name for name in _names_in(f.__code__)
     ]
