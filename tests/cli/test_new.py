@@ -14,7 +14,7 @@ import kreisel as kr
 from kreisel import cli
 from kreisel.bodies import BODIES, KNOWN
 from kreisel.cli.configuration import parse, parse_sweep, read, read_sweep
-from kreisel.cli.new import _varied, forced, text_of
+from kreisel.cli.new import _varied, forced, text_of, text_of_body
 from kreisel.runs.examples import Example, example
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import make_plan
@@ -111,6 +111,22 @@ def test_a_satellite_hangs_down() -> None:
     run = run.rename(attitude="g")
     angle = off_the_vertical(run, asked.model.params["inclination"])
     assert angle[0] == pytest.approx(15, abs=0.01) and 14 < angle.max() < 18
+
+
+def test_templates_offer_wheels_where_a_body_may_have_them() -> None:
+    turning, wheels = {"inertia": (1.0, 1.0, 1.5)}, kr.physical.Wheels([[0, 0, 1]])
+    bodies: dict[str, Any] = {
+        "free-body": lambda: kr.physical.FreeBody(**turning, wheels=wheels),
+        "heavy-body": lambda: kr.physical.HeavyBody(1.0, **turning, arm=(0, 0, 0.1), wheels=wheels),
+        "gyroscope": lambda: kr.physical.Gyroscope(1.0, 0.1, 0.2, 0.1, wheels=wheels),
+    }
+    for name, body in bodies.items():
+        offered = "wheels" in text_of_body(name, Path("x.toml")).partition("\n[state]")[0]
+        if offered:
+            body().model()
+        else:
+            with pytest.raises(kr.InputError, match=r"^wheels: expected a free body"):
+                body().model()
 
 
 @pytest.mark.parametrize("name", KNOWN)

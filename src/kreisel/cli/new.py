@@ -43,6 +43,7 @@ def samples() -> dict[str, dict[str, str]]:
 def text_of_body(name: str, target: Path) -> str:
     """The TOML file of a body, ready to run."""
     from kreisel.cli.configuration import kinds
+    from kreisel.physical import FreeBody, Satellite
 
     sample, kind = samples()[name], kinds()[name]
     keys = (
@@ -50,7 +51,8 @@ def text_of_body(name: str, target: Path) -> str:
         "unit are in SI, vectors along the body axes."
     )
     stated = tomllib.loads(f"[body]\n{sample['body']}")["body"]
-    optional = ", ".join(k for k in inspect.signature(kind).parameters if k not in (*stated, "self"))
+    refused = () if issubclass(kind, (FreeBody, Satellite)) else ("wheels",)
+    optional = ", ".join(k for k in inspect.signature(kind).parameters if k not in (*stated, *refused, "self"))
     sections = {key: sample[key].split("\n") for key in ("body", "state", "run")}
     sections["body"] = [f'kind = "{name}"', *comments(f"more: {optional}"), *sections["body"]]
     return _file(name, [sample["about"], keys], sections, target)
