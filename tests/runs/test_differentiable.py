@@ -461,6 +461,27 @@ def test_bad_input_is_named(call: Any, message: str) -> None:
         call()
 
 
+@pytest.mark.parametrize("wrong", [np.tril(M4), np.triu(M4), abs(M4), np.ones((4, 4))])
+def test_a_matrix_that_is_not_skew_is_refused_and_its_gradient_is_skew(wrong: Any) -> None:
+    """Steps along the gradient stay in so(4), as optax takes them; a triangle is not a state."""
+    euler = kr.EulerTop(J=(1, 2, 3, 4))
+    f = kr.differentiable(euler, method="kahan", order=2)
+    with pytest.raises(kr.InputError, match="M must be skew"):
+        f({"M": wrong}, dt=0.1, steps=1)
+
+    def entry(M: Any) -> Any:
+        return f({"M": M}, dt=0.1, steps=5)["M"][0, 1]
+
+    with red.double():
+        slope = np.asarray(jax.grad(entry)(M4))
+        v = algebra.skew(np.arange(1.0, 7.0), 4)
+        differences = [float(entry(M4 + h * v)) for h in (1e-5, -1e-5)]
+        part = np.asarray(jax.jit(entry)(wrong)), np.asarray(jax.jit(entry)(wrong / 2 - wrong.T / 2))
+    assert (slope == -slope.T).all()
+    assert (slope * v).sum() == pytest.approx((differences[0] - differences[1]) / 2e-5, rel=1e-7)
+    assert part[0] == part[1]
+
+
 def test_what_ends_a_run_ends_a_call_and_is_nan_in_a_trace() -> None:
     f = kr.differentiable(HEAVY, method="kahan", order=2)
     with pytest.raises(kr.RunError, match="singular"), jax.disable_jit():

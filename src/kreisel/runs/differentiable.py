@@ -37,6 +37,7 @@ from kreisel.record.calling import call
 from kreisel.record.contract import ExactMap, Frame
 from kreisel.record.model import Model, State
 from kreisel.record.table import require_within, tables_exceeded
+from kreisel.record.values import component
 from kreisel.runs.geometry import model_for
 from kreisel.runs.in_si import duration, in_state_form, matrix_of, oriented
 from kreisel.runs.run_record import RunRecord
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike
 
 SPIN = "spin"
+TRANSPOSES = {"skew": -1.0, "symmetric": 1.0}  # the transpose over the matrix
 MOST_N = 10  # beyond, a step has too many operations for straight-line code
 Known = dict[str, Any]
 Parts = tuple[Array, ...]
@@ -87,8 +89,8 @@ def differentiable(
 
     orientation the attitude at the start, as for `kr.simulate`; states then have g, and a state with g starts there.
                 True: every state has g.  Forces may need it; default: for a body on which forces need it
-    state       mapping of the components: m (3,), an axial vector, for n = 3, else (n, n) skew; a (n,); `x0.axial` of a
-                state is also accepted; with an orientation also g, (4,) for n = 3, else (n, n)
+    state       mapping of the components: m (3,), an axial vector, for n = 3, else (n, n) skew (of a traced matrix its
+                skew part); a (n,); `x0.axial` of a state; with an orientation also g, (4,) for n = 3, else (n, n)
     dt          the step, a float or traced by JAX; for a body of `kr.physical` also "1 ms"
     steps       the number of steps; every: rows (steps/every + 1, ...) at 0, every, ...; time: at the start, for forces
     parameters  other values of parameters of the system, by letter; default: the system's values
@@ -361,6 +363,10 @@ def _start_of(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, b
             axial = form.name != kind and x.shape == (3, 3)
             fix = " Use x0.axial for an axial vector." if axial else " For a batch use jax.vmap."
             raise InputError(f"{letter}: expected the shape {wanted}, got {x.shape}.{fix}")
+        if form.name in TRANSPOSES:
+            if not by.is_traced(x):
+                component(letter, kind, np.asarray(x), model.n, of_bodies=False)  # raises
+            x = x / 2 + TRANSPOSES[form.name] * (x.mT / 2)
         out.append(algebra.KINDS[kind].from_user(by.numbers(x), model.n))
     return tuple(out)
 
