@@ -65,6 +65,32 @@ def test_the_rotation_that_the_documentation_of_spice_turns(tmp_path: Path) -> N
     assert np.allclose(rate, [0, 0, quarter])
 
 
+@pytest.mark.parametrize("system", ["UTC", "TAI"])
+def test_dates_count_leap_seconds_as_astropy_does(spinning: xr.Dataset, tmp_path: Path, system: str) -> None:
+    """Rows every half second from 10 s before the end of 2016, when UTC had a second 60."""
+    from astropy.time import Time
+
+    kr.export(spinning, tmp_path / "leap.aem", epoch="2016-12-31T23:59:50", time_system=system)
+    data = (tmp_path / "leap.aem").read_text().split("DATA_START\n")[1].split("DATA_STOP")[0]
+    dates = [line.split()[0] for line in data.splitlines()]
+    times = Time(dates, scale=system.lower())
+    assert np.allclose((times - times[0]).to_value("s"), spinning.time, rtol=0, atol=1e-6)
+    assert ("2016-12-31T23:59:60.500000" in dates) == (system == "UTC")
+
+
+@needs_spice
+def test_a_kernel_that_starts_after_a_leap_second(spinning: xr.Dataset, tmp_path: Path) -> None:
+    kr.export(spinning, tmp_path / "whole.aem", epoch="2016-12-31T23:59:50")
+    kr.export(spinning.isel(time=slice(21, None)), tmp_path / "late.bc", epoch="2016-12-31T23:59:50")
+    for file in (leap_seconds(tmp_path), tmp_path / "late.bc", tmp_path / "late.tsc"):
+        spice.furnsh(str(file))
+    line = (tmp_path / "whole.aem").read_text().split("DATA_START\n")[1].splitlines()[21]
+    date, *q = line.split()
+    C = spice.pxform("J2000", "BODY_BODY", spice.str2et(date))
+    assert date.endswith(":60.500000")
+    assert np.allclose(C, Rotation.from_quat([float(x) for x in q]).as_matrix().T, rtol=0, atol=1e-9)
+
+
 @needs_spice
 def test_spice_has_the_attitudes_at_their_dates(spinning: xr.Dataset, tmp_path: Path) -> None:
     kr.export(spinning, tmp_path / "body.bc", epoch=EPOCH, name="My body")

@@ -407,8 +407,14 @@ class Rows:
 
     @property
     def dates(self) -> list[str]:
-        """The dates of the rows."""
-        return [str(date) for date in self.start + np.round(self.seconds * 1e6).astype("timedelta64[us]")]
+        """The dates of the rows; in UTC a leap second is the second 60."""
+        elapsed, second = np.round(self.seconds * 1e6).astype("timedelta64[us]"), np.timedelta64(1, "s")
+        leaps = np.array(LEAPS.split() if self.labels["time_system"] == "UTC" else [], dtype="datetime64[us]")
+        leaps = leaps[leaps > self.start]
+        begins = leaps - self.start + second * np.arange(len(leaps))
+        begun, ended = (np.searchsorted(times, elapsed, "right") for times in (begins, begins + second))
+        dates = [str(date) for date in self.start + elapsed - second * begun]
+        return [f"{d[:17]}60{d[19:]}" if within else d for d, within in zip(dates, begun > ended, strict=True)]
 
 
 def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, Any], overwrite: bool) -> None:
@@ -542,7 +548,7 @@ def _ck(rows: Rows) -> None:
         ck=rows.out.name,
         clock=-craft,
         instrument=1000 * craft,
-        start=_terrestrial(np.datetime64(first), labels["time_system"]) - EARLY,
+        start=_terrestrial(rows.start, labels["time_system"]) + round(float(seconds[0]), 6) - EARLY,
         **labels | {"frame": frame, "name": name},
     )
     has_rates, rates = omega is not None, np.zeros((len(q), 3)) if omega is None else omega
