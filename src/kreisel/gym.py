@@ -55,6 +55,9 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
         if not isinstance(body, Satellite) or body.control is not None:
             raise InputError(f"satellite: expected a Satellite without a controller, got {shown(body)}.")
         wheels, sees = 0 if body.wheels is None else len(body.wheels.axes), name == "dipole"
+        if not callable(self.reward):
+            words = "a function of the angle, the rates and the action"
+            raise InputError(f"reward: expected {words}, got {shown(self.reward)}.")
         if not (size := {"torque": 3, "wheel_torque": wheels, "dipole": 3}.get(name)):
             raise InputError(f"actuator: expected torque, dipole, or with wheels wheel_torque, got {shown(name)}.")
         convert_fields(self, positive=True, limit=COMMANDS[name], rates="rad/s", every="s", duration="s")
@@ -67,7 +70,7 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
         laws += (lambda command, field: {name: command, "command": command, "seen": field},)
         memory = {"command": np.zeros(size)} | ({"seen": np.zeros(3)} if sees else {})
         self._body = replace(body, control=Control(laws[sees], every=self.every, memory=memory))
-        self._motion = propagator(self._body, dt=self.dt or self.every, orientation=True)
+        self._motion = propagator(self._body, dt=self.every if self.dt is None else self.dt, orientation=True)
         self._state, self._units = dict[str, Array](), {"wheels": self.limit * self.duration, "seen": 5e-5}
         for key, most, count in (("observation", np.inf, 7 + wheels + 3 * sees), ("action", 1.0, size)):
             box = spaces.Box(-most, most, (count,), np.float64)

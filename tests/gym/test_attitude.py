@@ -134,6 +134,8 @@ def test_a_reward_has_a_value_for_each_lane() -> None:
         ({"actuator": "wheel_torque"}, "with wheels wheel_torque"),
         ({"limit": "1 N"}, "limit must have the dimension of N m"),
         ({"dt": 0.3}, "dt"),
+        ({"dt": 0}, "dt"),
+        ({"reward": 3}, "^reward: expected a function of the angle, the rates and the action, got 3"),
         ({"duration": 0.1}, "duration"),
         ({"duration": 20.0, "every": 3.0}, "^duration: expected a multiple of every = 3 s, got 20 s"),
         ({"target": (1, 1, 0, 0)}, "target"),
