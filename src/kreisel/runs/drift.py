@@ -382,9 +382,9 @@ NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and small enough tha
 def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, list[float]]]:
     """Effect of rounding errors on each Casimir and integral, in units of eps_machine.
 
-    roundoff_scale    in one step.  Every coordinate of a component is moved by the component's largest one, with random
-                      signs; the scale is the root mean square of the change, over up to 32 states of a lane in the
-                      first block
+    roundoff_scale    in one step.  Every coordinate of a component is moved by the component's largest one, of a
+                      component that is 0 by the state's, since maps round both together, with random signs; the scale
+                      is the root mean square of the change, over up to 32 states of a lane in the first block
     evaluation_scale  in one evaluation from a state: the size of the value, or its noise if that is larger
 
     Of more than 4096 lanes, 512 are measured and those of the largest states and integrals; of lanes that act on each
@@ -405,7 +405,8 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     starts, component = _components(tuple(plan.kinds), n)
     samples = samples if many else max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
     by = (_nudges if z.size <= MANY_LANES else _nudges.__wrapped__)(samples, z.shape)
-    by = by * np.maximum.reduceat(abs(z), starts, -1)[..., component]  # the largest coordinate of each component
+    largest = np.maximum.reduceat(abs(z), starts, -1)[..., component]  # coordinate of each component
+    by = by * np.where(largest == 0, abs(z).max(-1, keepdims=True), largest)
     values, places = _integrals(plan, (z + by).reshape(-1, *z.shape[1:]))
     if not places:
         return {}
