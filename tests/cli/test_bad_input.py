@@ -151,6 +151,20 @@ def test_binary_configuration(
         read(tmp_path / "run.toml")
 
 
+def test_a_byte_order_mark_as_editors_of_windows_write_it(tmp_path: Path) -> None:
+    from kreisel.cli.configuration import read
+
+    text = '[system]\nname = "euler-top"\nJ = [1, 2, 3]\n[state]\nM = [1, 2, 3]\n[run]\ndt = 0.1\nsteps = 1\n'
+    text += '[output]\npath = "run.zarr"\n'
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8-sig")
+    assert read(tmp_path / "run.toml") is not None
+
+
+def test_names_of_systems_and_bodies_are_listed_once(kreisel: Any) -> None:
+    names = kreisel("new", "nosuch").stderr.split("There are:")[1].rstrip(".\n").split(",")
+    assert len(names) == len({name.strip() for name in names})
+
+
 def test_folder_without_permission(tmp_path: Path, top: object, x0: object, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*args: object, **options: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")

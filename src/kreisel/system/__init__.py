@@ -49,7 +49,7 @@ def find(name: str, registry: Mapping[str, System] | None = None, bodies: Iterab
     """The system of that name.  Raises `InputError` with the nearest name, also of `bodies` of `kr.physical`."""
     registry = REGISTRY if registry is None else registry
     if name not in registry:
-        names = [*registry, *bodies]
+        names = list(dict.fromkeys([*registry, *bodies]))
         raise InputError(f"No system is called {shown(name)}.{hint(name, names)} There are: {', '.join(names)}.")
     return registry[name]
 
