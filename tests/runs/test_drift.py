@@ -18,6 +18,7 @@ from kreisel import algebra
 from kreisel.cli import NOT_CONSERVED, app
 from kreisel.lab import exact
 from kreisel.method import scheme
+from kreisel.physical import Orbit, Satellite
 from kreisel.record.contract import Map, System
 from kreisel.runs import drift, integration
 from kreisel.sweeps import sweep
@@ -59,6 +60,17 @@ def test_a_component_that_is_zero_may_round(method: str) -> None:
     assert not kr.drift(run)["broken"].any()
     run["casimir"][100, 0] = 1e-12  # |P|^2 of a P that is a millionth
     assert kr.drift(run)["broken"]["casimir[0]"]
+
+
+def test_work_and_clock_are_not_sizes_of_the_state() -> None:
+    """A satellite that starts with no work done: its balance rounds like the energies there are, I n^2 by size."""
+    orbit = Orbit.circular("500 km")
+    cubesat = Satellite.cubesat(orbit, units=3)
+    run = kr.simulate(cubesat, cubesat.state(attitude=cubesat.pointing(pitch="10 deg")), dt="15 s", steps=400)
+    size = cubesat.inertia.max() * (2 * np.pi / orbit.period) ** 2
+    for name in ("energy", "balance"):
+        assert size < max(run[name].attrs["roundoff_scale"]) < 10 * size
+        assert max(run[name].attrs["evaluation_scale"]) < 10 * size
 
 
 def test_a_broken_run_shouts(top: System, x0: object, tmp_path: Path, strict: None) -> None:

@@ -383,8 +383,9 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     """Effect of rounding errors on each Casimir and integral, in units of eps_machine.
 
     roundoff_scale    in one step.  Every coordinate of a component is moved by the component's largest one, of a
-                      component that is 0 by the state's, since maps round both together, with random signs; the scale
-                      is the root mean square of the change, over up to 32 states of a lane in the first block
+                      component of the phase space that is 0 by the phase space's, since maps round both together, with
+                      random signs; the scale is the root mean square of the change, over up to 32 states of a lane in
+                      the first block
     evaluation_scale  in one evaluation from a state: the size of the value, or its noise if that is larger
 
     Of more than 4096 lanes, 512 are measured and those of the largest states and integrals; of lanes that act on each
@@ -406,7 +407,9 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     samples = samples if many else max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
     by = (_nudges if z.size <= MANY_LANES else _nudges.__wrapped__)(samples, z.shape)
     largest = np.maximum.reduceat(abs(z), starts, -1)[..., component]  # coordinate of each component
-    by = by * np.where(largest == 0, abs(z).max(-1, keepdims=True), largest)
+    in_space = component < len(plan.model.system.space.kinds)  # work, clock and attitude have other sizes
+    size = abs(z[..., in_space]).max(-1, keepdims=True)
+    by = by * np.where((largest == 0) & in_space, size, largest)
     values, places = _integrals(plan, (z + by).reshape(-1, *z.shape[1:]))
     if not places:
         return {}
