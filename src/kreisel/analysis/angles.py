@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,8 +77,6 @@ def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     Returns a Dataset (time) or (time, lane).  Raises `InputError` for a run without an orientation or with n > 3.
     [Goldstein, Classical Mechanics, 3rd ed., section 4.4]
     """
-    import warnings
-
     from scipy.spatial.transform import Rotation
 
     lead = attitude_of(a_run(run)).shape[:-1]

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -107,8 +108,6 @@ class Fit:
         return f"Fit of {self.model.system.name}: {self._summary}\n{self.table.to_string(float_format='{:.6g}'.format)}"
 
     def _repr_html_(self) -> str:
-        from html import escape
-
         title = f"Fit of {escape(self.model.system.title)}"
         return f"<div><strong>{title}</strong><p>{escape(self._summary)}</p>{self.table.to_html()}</div>"
 

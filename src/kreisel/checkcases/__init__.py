@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from kreisel.checkcases.catalogue import Answer, Case
+from kreisel.checkcases.catalogue import Answer, Case, records
 from kreisel.errors import InputError, explained, hint, shown
 
 __all__ = ["Answer", "Case", "case", "cases"]
@@ -20,8 +20,6 @@ __all__ = ["Answer", "Case", "case", "cases"]
 
 @cache
 def _cases() -> dict[str, Case]:
-    from kreisel.checkcases.catalogue import records
-
     return records()
 
 

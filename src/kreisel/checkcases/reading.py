@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kreisel.algebra import Array, floats
+from kreisel.checkcases.catalogue import records
 from kreisel.checkcases.grade import LARGEST, NORM, checked, increasing
 from kreisel.checkcases.mistakes import FACTOR, differences, size
 from kreisel.errors import InputError, explained, shown
@@ -462,8 +463,6 @@ def _chosen(options: list[Option], exact: Mapping[str, Array], place: str, unit:
 
 def _check_start(case: Case, quantities: Mapping[str, Array], exact: Mapping[str, Array], source: str) -> None:
     """Raises `InputError` if the rates at first are the start of another case, in any unit."""
-    from kreisel.checkcases.catalogue import records
-
     name = "angular_velocity"
     if name not in quantities or _error(Option(name, quantities[name], ""), exact, slice(1)) < CLOSE:
         return

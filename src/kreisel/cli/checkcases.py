@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import textwrap
+from decimal import Context
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ import numpy as np
 import kreisel
 from kreisel.cli.output import AsJson, OverwriteFile, a_path, app, arg, opt, print_json, save_picture, say
 from kreisel.errors import InputError
+from kreisel.system import NAMED, REGISTRY
 
 if TYPE_CHECKING:
     from kreisel.checkcases import Case
@@ -104,8 +106,6 @@ def _print(case: Case, at: list[float], as_json: bool) -> None:
 
 
 def _texts(values: list[Fraction]) -> list[str]:
-    from decimal import Context
-
     context = Context(prec=DIGITS)
     return [str(context.divide(v.numerator, v.denominator)) for v in values]
 
@@ -187,7 +187,6 @@ def files_of(name: str, toml: Path, python: Path, head: str) -> dict[Path, str]:
     """The TOML and the Python file that run a case.  Raises `InputError` for a law that no system has."""
     from kreisel import checkcases
     from kreisel.checkcases.catalogue import law_of
-    from kreisel.system import NAMED, REGISTRY
 
     case, kind = checkcases.case(name), law_of(name)
     if kind not in SYSTEMS:

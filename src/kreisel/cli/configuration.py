@@ -38,7 +38,7 @@ from kreisel.record.units import QUANTITY, si
 from kreisel.runs.in_si import scaled_settings
 from kreisel.runs.operations import executed, load_system
 from kreisel.runs.settings import Settings
-from kreisel.sweeps.ensemble import by_lane, of_scaled_system, user_defined
+from kreisel.sweeps.ensemble import of_body_in_si, of_scaled_system, user_defined
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 VARIED = ("body", "state", "system", "run")
@@ -179,7 +179,7 @@ def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder
                 faults.report(f"Lane {lane}")
             return Ensemble(members)
 
-        return by_lane(subject.body, tables["state"], run, tables["sweep"], bodies)
+        return of_body_in_si(subject.body, tables["state"], run, tables["sweep"], bodies)
     frame = {"body": model.body_frame.table} if model.body_frame else {}
     start = {**state.axial, **({} if state.orientation is None else {"orientation": state.orientation})}
     system = {"name": model.system.name, **model.params}

@@ -16,7 +16,7 @@ from kreisel.cli.checkcases import files_of
 from kreisel.cli.output import OverwriteFile, a_path, app, arg, opt, say, system_names
 from kreisel.errors import InputError
 from kreisel.record.contract import System
-from kreisel.system import find
+from kreisel.system import NAMED, find
 
 if TYPE_CHECKING:
     from kreisel.runs.examples import Example
@@ -286,7 +286,6 @@ def forced(sample: Example, name: str, target: Path, code: Path) -> dict[Path, s
     """The two files of a system under forces, tried.  Raises `InputError` for a system that accepts none."""
     from kreisel.cli.configuration import read
     from kreisel.runs.planning import make_plan
-    from kreisel.system import NAMED
 
     system, why = sample.model.system, ""
     called = next((title for title, record in NAMED.items() if record is system), None)

@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -95,8 +96,6 @@ def say(text: str, file: Any = None) -> None:
 
 def parameter_of(text: str) -> tuple[str, Any]:
     """A parameter and its values, from NAME=NUMBERS."""
-    from fractions import Fraction
-
     name, _, value = text.partition("=")
     with contextlib.suppress(ValueError, ZeroDivisionError):
         numbers = [Fraction(number) for number in value.split(",")]

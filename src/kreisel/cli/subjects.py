@@ -12,6 +12,7 @@ import typer
 
 import kreisel
 from kreisel.cli import output
+from kreisel.cli.new import samples, system_named
 from kreisel.cli.output import AsJson, a_path, app, arg, opt, print_json, say, system_names
 from kreisel.errors import InputError, shown
 
@@ -22,7 +23,6 @@ def systems(
 ) -> None:
     """List the systems, or print the record of one."""
     from kreisel.bodies import BODIES, KNOWN
-    from kreisel.cli.new import samples, system_named
     from kreisel.viewer.record import record, summary, table
 
     _records(name, as_json, system_named, KNOWN.values(), summary, record, table)
@@ -145,7 +145,6 @@ def investigate(
     as_json: AsJson = False,
 ) -> None:
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
-    from kreisel.cli.new import system_named
     from kreisel.files import require_file
     from kreisel.lab import investigation
 
@@ -225,7 +224,6 @@ def code(
 def _example_or_run(subject: str, values: dict[str, Any], asked: dict[str, Any], n: int, oriented: bool) -> Any:
     """The model and the state of a system by name, or of a TOML file, whose settings complete `asked`."""
     from kreisel.cli.configuration import read
-    from kreisel.cli.new import system_named
     from kreisel.runs.examples import example
 
     if not subject.endswith(".toml"):

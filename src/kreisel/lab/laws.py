@@ -27,6 +27,7 @@ from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame, System
 from kreisel.record.model import Model
 from kreisel.runs.settings import within
+from kreisel.system import find
 
 __all__ = ["LAWS", "TOLERANCE", "Case", "Law", "Verdict", "check", "drawn_case", "make_case", "test"]
 
@@ -268,8 +269,6 @@ def _turned_by_generator(case: Case, g: Array, old: tuple[Array, ...], new: tupl
 
 @law("the same motion in the related system: flows, and maps if the record states it", "relations")
 def relations(case: Case) -> Sides:
-    from kreisel.system import find
-
     g = random_rotation(case.model.n, case.draw)
     for relation in case.system.relations:
         if case.numbers == "exact" and not relation.exact:

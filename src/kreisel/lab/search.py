@@ -20,6 +20,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, objects, vec, wedge
+from kreisel.algebra.gradient import value_and_jacobian
 from kreisel.algebra.invariants import cross
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.lab import dynamics
@@ -304,8 +305,6 @@ def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3), adjustment
     eps = fraction(eps)
 
     def step(x: Array) -> Array:
-        from kreisel.algebra.gradient import value_and_jacobian
-
         rates, slopes = value_and_jacobian(lambda y: list(flow(objects(y))), list(x), [])
         matrix = [[(i == j) - eps / 2 * v for j, v in enumerate(row)] for i, row in enumerate(slopes)]
         if adjustment is not None:

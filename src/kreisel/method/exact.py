@@ -29,6 +29,7 @@ from kreisel.method.scheme import SPINS, Jump, Only, Orbits, Scheme, Spin, State
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, Orbit, States
 from kreisel.record.model import Model
+from kreisel.system import find
 
 
 def motion_of_top(model: Model, state: State, constants: Mapping[str, Array], reach: float) -> TopMotion:
@@ -232,7 +233,6 @@ def _in_coadjoint(model: Model) -> tuple[Model, Callable[[State], State], Callab
     """The body in e*(3) that moves as the model does, and the change of state there and back."""
     if "skew" in model.system.space.kinds:
         return model, lambda x: tuple(x[:2]), lambda z: z
-    from kreisel.system import find
 
     (relation,) = (r for r in model.system.relations if r.back is not None)
     params = {p.letter: model.constants[p.letter] for p in model.system.parameters}

@@ -14,7 +14,7 @@ from kreisel.display import show
 from kreisel.errors import InputError
 from kreisel.record.model import Model
 from kreisel.runs.drift import broken, drift, table_of
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import RunRecord, cite
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,8 +51,6 @@ class Kreisel:
 
     def cite(self) -> str:
         """`kr.cite(run)`."""
-        from kreisel.runs.run_record import cite
-
         return cite(self._run)
 
     def __repr__(self) -> str:

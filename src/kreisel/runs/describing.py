@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
+import platform
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache, lru_cache
@@ -16,6 +17,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.files import read_values
+from kreisel.graph.machine import processor
 from kreisel.kernels.layout import Floats
 from kreisel.method import find
 from kreisel.record.model import Model
@@ -46,10 +48,6 @@ def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]
 @cache
 def versions() -> dict[str, str]:
     """Versions of the software that computed a run, and the kind of processor for which kernels are compiled."""
-    import platform
-
-    from kreisel.graph.machine import processor
-
     packages = ("kreisel", "numpy", "llvmlite", "scipy", "mpmath", "xarray", "zarr")
     out = {"python": platform.python_version(), "processor": processor()[1]}
     return out | {p: importlib.metadata.version(p) for p in packages}

@@ -19,6 +19,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.random import GENERATOR
+from kreisel.bodies import KNOWN
 from kreisel.errors import InputError, RunError, doubt, shown
 from kreisel.files import parsed
 from kreisel.method.scheme import ORIENTATION
@@ -224,7 +225,6 @@ def _model_of(run: xr.Dataset, model: Model | None) -> Model | None:
     if model is None and "parameters" in run.attrs and not record.is_own:
         model = record.model
     elif model is None and "parameters" in run.attrs:
-        from kreisel.bodies import KNOWN
         from kreisel.forces.kicks import COUPLING, INERTIA
 
         system = KNOWN.get(re.sub("^((perturbed|controlled)-)*", "", record.bare))

@@ -14,7 +14,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.graph.machine import Chain
-from kreisel.kernels.cpu import CpuEngine, point_links, points
+from kreisel.kernels.cpu import CpuEngine, point_links, points, row_function
 from kreisel.kernels.engines import Engine, Rows, corrections, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method
@@ -283,8 +283,6 @@ class Plan:
         """`variables` in a kernel; independent of the number of rows, so a longer run has the same bits."""
         if isinstance(self.scheme.motion, Flow) or not self.scheme.recordable:
             return None
-        from kreisel.kernels.cpu import row_function
-
         with spent_on("kernels"):
             return row_function(self.scheme, self.variables, self.lanes, ("observe", self.settings.observe))
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra.reuse import cached_property
+from kreisel.bodies import KNOWN, find, known_system
 from kreisel.errors import InputError, explained, shown
 from kreisel.files import parsed
 from kreisel.method import METHODS, default_method
@@ -81,8 +82,6 @@ class Subject:
     @property
     def is_own(self) -> bool:
         """Whether the system is user-defined: an archive holds no code, so its model is not available."""
-        from kreisel.bodies import KNOWN
-
         return self.bare not in KNOWN or (self.system in KNOWN and self.system_sha256 is not None)
 
     @cached_property
@@ -91,8 +90,6 @@ class Subject:
 
         Raises `InputError` for damaged attributes, and for a user-defined system.
         """
-        from kreisel.bodies import known_system
-
         if self.is_own:
             raise InputError(
                 f"{self.system} is none of Kreisel's systems, or a record of yours under this name, and a run holds no "
@@ -104,8 +101,6 @@ class Subject:
     @cached_property
     def kinds(self) -> dict[str, str]:
         """The kinds of the components of the state, by letter.  Raises `InputError`."""
-        from kreisel.bodies import find
-
         if not self.is_own and self.bare == self.system:
             return dict(find(self.system).space.components)
         return {str(letter): str(kind) for letter, kind in _an_object(self.components, "components").items()}

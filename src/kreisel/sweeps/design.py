@@ -100,7 +100,8 @@ class Lanes:
     base    the sections system, state and run that every lane starts from
     spec    the section sweep: grid, list, random, draws, rng
     noisy   whether the state has the generator of the noise of a controller
-    words   whether quantities are values of a body, as by `kreisel.sweeps.ensemble.by_lane`; then `base` is not needed
+    words   whether quantities are values of a body, as by `kreisel.sweeps.ensemble.of_body_in_si`; then `base` is
+            not needed
 
     A sweep of a body has in `spec` what it shows: `shown`, values of each lane, and `axes`, as `folded` has them.
 

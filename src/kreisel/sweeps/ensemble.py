@@ -27,6 +27,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.random import GENERATOR
+from kreisel.bodies import KNOWN
 from kreisel.errors import InputError, RunError, hint, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome
@@ -316,8 +317,6 @@ def _ready(value: Any, kind: str | None, varied: bool, lanes: int | None = None)
 
 def user_defined(model: Model, sections: dict[str, Any]) -> System | None:
     """The system of a model that is none of Kreisel's; the sections of its sweep get the SHA-256 of its functions."""
-    from kreisel.bodies import KNOWN
-
     if model.system.name.removesuffix(WITH_WHEELS) in KNOWN:
         return None
     sections["operations"] = operations_of(model)
@@ -334,7 +333,7 @@ def of_scaled_system(model: Model, spec: Mapping[str, Any]) -> bool:
     return all(q.section == "system" or (q.section == "state" and q.letter in letters) for q in quantities)
 
 
-def by_lane(
+def of_body_in_si(
     body: Body, x0: Any, run: Mapping[str, Any], spec: Mapping[str, Any], bodies: Bodies
 ) -> tuple[dict[str, Any], Model]:
     """The sections of a sweep from a body and the arguments of `body.state`, or a state; the model of all lanes."""

@@ -22,6 +22,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from kreisel.bodies import KNOWN
 from kreisel.errors import ConservationWarning, InputError, Stopped, explained, shown
 from kreisel.files import read_values, shallow
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
@@ -40,8 +41,8 @@ from kreisel.storage.archive import one_writer, target
 from kreisel.storage.checking import MOST_STEPS, SAMPLES
 from kreisel.storage.opening import COMPUTED, SweepRecord, open_lanes
 from kreisel.sweeps.design import Design, Lanes, described
-from kreisel.sweeps.ensemble import CODE, TRAJECTORIES, TROUBLES, Sweep, by_lane, of_scaled_system, user_defined
-from kreisel.sweeps.grids import gridded
+from kreisel.sweeps.ensemble import CODE, TRAJECTORIES, TROUBLES, Sweep, of_body_in_si, of_scaled_system, user_defined
+from kreisel.sweeps.grids import by_lane, gridded
 from kreisel.sweeps.store import Store, failed_lanes, results_of
 from kreisel.sweeps.workers import check_workers, computed, pool
 
@@ -123,7 +124,7 @@ def sweep(
     run = {"dt": dt, "every": every, "impulses": impulses, "steps": steps, "method": method, "order": order, "tol": tol}
     run |= {"project": project, "t_end": t_end, "t_start": t_start}
     if body is not None and not of_scaled_system(body.model(), spec):
-        description, model = by_lane(body, x0, {**run, "orientation": orientation}, spec, body._varied)
+        description, model = of_body_in_si(body, x0, {**run, "orientation": orientation}, spec, body._varied)
     else:
         description, model = _of_system(system, x0, orientation, run, spec)
     source = user_defined(model, description)
@@ -150,8 +151,6 @@ def _of_system(
     system: Any, x0: Any, orientation: Any, run: dict[str, Any], spec: dict[str, Any]
 ) -> tuple[dict[str, Any], Model]:
     """The sections of a sweep that begins from a model, and the model."""
-    from kreisel.bodies import KNOWN
-
     model, x0, orientation, run, _ = scaled(system, x0, orientation, run)
     check_model(model)
     if KNOWN.get(model.system.name, model.system) != model.system:
@@ -227,8 +226,6 @@ def failures(run: xr.Dataset) -> pd.DataFrame:
     """The failed lanes of a sweep: a row for each, with its message and its values of the varied quantities."""
     if "failed" not in getattr(run, "variables", ()):
         raise InputError("kr.failures needs the result of kr.sweep; these are not lanes of a sweep.")
-    from kreisel.sweeps.grids import by_lane
-
     run = by_lane(run)
     failed = list(failed_lanes(run))
     ids = [lane for lane, _ in failed]
