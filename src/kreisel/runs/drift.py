@@ -395,8 +395,8 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     if many:
         values = [first[name] for name, outcome in plan.outcomes.items() if outcome.kind in KINDS]
         sizes = [abs(x).reshape(-1, plan.lanes, x[0, 0].size).max((0, 2)) for x in (plan.first[None], *values)]
-        largest = [np.argpartition(size, -LARGEST)[-LARGEST:] for size in sizes]
-        lanes = np.unique(np.concatenate([_spread(plan.lanes, SOME_LANES), *largest]))
+        selected = [np.argpartition(size, -LARGEST)[-LARGEST:] for size in sizes]
+        lanes = np.unique(np.concatenate([_spread(plan.lanes, SOME_LANES), *selected]))
         model, order = plan.model.lanes(lanes), plan.scheme.options.get("order")
         chosen = scheme(model, plan.scheme.name, plan.dt, order, ORIENTATION in plan.start)
         plan = replace(plan, model=model, scheme=chosen, first=plan.first[lanes])
