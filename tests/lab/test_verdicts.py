@@ -296,3 +296,11 @@ def test_bad_calls() -> None:
         investigate(kr.Clebsch(b=(1, 2, 4)), a=1)
     with pytest.raises(kr.InputError, match="frame"):
         investigate(lambda M, P: (M, P), n=3, frame="space")
+
+
+def test_a_bracket_of_the_plane_has_no_casimirs() -> None:
+    """x'/x = y/x and y'/y = y/x + 5, so y/x goes up by 5: {x, y} = x^2 is preserved, of rank 2; nothing permutes."""
+    report = investigate(lambda x: array(x[1], x[1] * (x[1] / x[0] + 5)), names=("x", "y"), **SHORT)
+    assert report["Poisson"].answer == "yes"
+    assert report.verdict == "undecided"
+    assert report.reason.startswith("neither enough integrals")

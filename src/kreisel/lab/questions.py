@@ -127,7 +127,15 @@ def leaves_stay(c: Clues) -> bool:
     ]
     if c.numeric is not None:
         counts.append(c.numeric.count - c.numeric.on_leaf == c.subject.dim - c.numeric.leaf)
-    return c.leaves or any(counts)
+    return c.leaves or any(counts) or _is_one_leaf(c)
+
+
+def _is_one_leaf(c: Clues) -> bool:
+    """Whether the bracket has full rank: no Casimirs, and one leaf."""
+    if c.tensor is None:
+        return False
+    tensor = np.asarray(c.tensor(float_start(c.subject, c.seed)), dtype=np.float64)
+    return bool(np.linalg.matrix_rank(tensor) == c.subject.dim)
 
 
 def verdict(c: Clues) -> tuple[str, str]:
