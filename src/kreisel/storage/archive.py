@@ -1,9 +1,10 @@
 """An archive on disk: a Zarr store whose arrays have blocks along one axis, the rows of a run or the lanes of a sweep.
 
     zarr.json                 the attributes, and the metadata of every array, which Zarr calls consolidated
-    ARRAY/zarr.json           the metadata of an array once more, for readers that open only it ARRAY/c/... a file for
-    each block, a chunk or a shard of several engine/checksums.sha256   SHA-256 of every file, each chunk bound to its
-    place; `sha256sum -c` reads it engine/blocks/K.sha256    SHA-256 of the files of block K, during the run
+    ARRAY/zarr.json           the metadata of an array once more, for readers that open only it
+    ARRAY/c/...               a file for each block, a chunk or a shard of several
+    engine/checksums.sha256   SHA-256 of every file, each chunk bound to its place; `sha256sum -c` reads it
+    engine/blocks/K.sha256    SHA-256 of the files of block K, during the run
 
 An archive is written as NAME.part and renamed to NAME when it is complete.  Its arrays have their full length from the
 beginning.  A file gets its name after it is written, a block counts once its checksums exist, and all metadata change

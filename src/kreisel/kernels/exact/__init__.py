@@ -1,1 +1,1 @@
-"""The closed form of the Lagrange top, n = 3, in compiled code."""
+"""Motions in closed form, n = 3, and pairs of maps that are a flow, in compiled code."""
