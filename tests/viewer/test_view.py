@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 
 import kreisel as kr
+from kreisel.physical import FreeBody, HeavyBody
 from kreisel.viewer import bodies
 from kreisel.viewer.frames import extremes, mixed
 from kreisel.viewer.page import address, as_json, page, scripts, server
@@ -52,6 +53,38 @@ def test_gravity_points_down_whatever_the_frame_of_the_data():
     up = np.array((2.0, -1.0, 0.4)) / np.linalg.norm((2.0, -1.0, 0.4))
     assert np.allclose(tip(data)[:, 2], run.a.values @ up, atol=2e-4)
     assert data["up"] == "gravity" and np.allclose(up @ np.array(data["frame"]), (0, 0, 1))  # x, y, z as drawn
+
+
+def test_forces_leave_gravity_and_the_axis_in_the_picture(tmp_path):
+    """A damped body under gravity has its vertical, also in an archive, which holds no code; lanes have theirs."""
+    ways = np.array([(0, 0, 1), (0, 0.6, 0.8)])
+    top = kr.perturbed(kr.LagrangeTop(p=ways), damping=(0, 0, 0.01))
+    x0 = {"m": (0.3, 1, 0.2), "a": (0.6, 0, 0.8)}
+    run = kr.simulate(top, x0, dt=0.05, steps=50, path=tmp_path / "top.zarr", orientation=IDENTITY, progress=False)
+    for lane, way in enumerate(ways):
+        data = scene(run, lane=lane)
+        assert data["up"] == "gravity" and np.allclose(tip(data)[:, 2], run.a.values[:, lane] @ way, atol=2e-4)
+        assert "gravity" in {text.get_text() for text in kr.plot(run.isel(lane=lane)).subfigs[0].axes[0].texts}
+    assert "gravity" not in {text.get_text() for text in kr.plot(run).subfigs[0].axes[0].texts}
+    heavy = HeavyBody("2 kg", (0.03, 0.03, 0.035), (0, "3 cm", "4 cm"), damping=0.1)
+    run = kr.simulate(heavy, heavy.state((0, 0, 30), attitude=IDENTITY), dt="1 ms", steps=50, progress=False)
+    data = scene(run)
+    assert data["up"] == "gravity" and np.allclose(tip(data)[:, 2], run.up.values @ (0, 0.6, 0.8), atol=2e-4)
+
+
+def test_a_body_of_unknown_moments_is_a_ball_by_name():
+    free = FreeBody((1.0, 2.0, 2.5), damping=(0.1, 0.1, 0.1))
+    run = kr.simulate(free, free.state((0.1, 2, 0)), dt=0.05, steps=50, progress=False)
+    data = scene(run)
+    assert "as a ball" in data["note"] and data["legend"]["tip"] == "third axis of the body"
+    lengths = np.linalg.norm(points(data), axis=-1)
+    assert np.ptp(lengths) < 1e-3 * lengths.max()
+    assert (
+        "ellipsoid"
+        in scene(
+            kr.simulate(FreeBody((1.0, 2.0, 2.5)), FreeBody((1.0, 2.0, 2.5)).state((0.1, 2, 0)), dt=0.05, steps=50)
+        )["note"]
+    )
 
 
 def test_the_moving_frame_shows_the_body_in_space_or_the_vector_from_the_body():

@@ -95,9 +95,16 @@ def _subject(model: Model, method: str) -> dict[str, Any]:
         "bracket": "plus" if system.space.sign > 0 else "minus",
         "n": model.n,
         "parameters": parameters_of(model),
+        "fixed": _fixed_of(model),
         "method": method,
         "versions": json.dumps(versions()),
     }
+
+
+def _fixed_of(model: Model) -> str | None:
+    """Where parameters of a user-defined system are at rest: of Kreisel's systems the record states it."""
+    places = {p.letter: p.fixed for p in model.system.parameters if p.fixed}
+    return json.dumps(places) if places and operations_of(model) else None
 
 
 def hash_of_start(start: Mapping[str, Floats]) -> str:

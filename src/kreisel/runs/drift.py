@@ -406,10 +406,10 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     starts, component = _components(tuple(plan.kinds), n)
     samples = samples if many else max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
     by = (_nudges if z.size <= MANY_LANES else _nudges.__wrapped__)(samples, z.shape)
-    largest = np.maximum.reduceat(abs(z), starts, -1)[..., component]  # coordinate of each component
+    by_component = np.maximum.reduceat(abs(z), starts, -1)[..., component]
     in_space = component < len(plan.model.system.space.kinds)  # work, clock and attitude have other sizes
     size = abs(z[..., in_space]).max(-1, keepdims=True)
-    by = by * np.where((largest == 0) & in_space, size, largest)
+    by = by * np.where((by_component == 0) & in_space, size, by_component)
     values, places = _integrals(plan, (z + by).reshape(-1, *z.shape[1:]))
     if not places:
         return {}

@@ -6,6 +6,7 @@ third axis is the pole of the primary.  `presented` is a run as its user receive
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -42,6 +43,19 @@ def fixed_vector(model: Model, where: str) -> Array | None:
     """The parameter that rests in "space" or in the "body" (`Parameter.fixed`), or None."""
     letters = [p.letter for p in model.system.parameters if p.fixed == where]
     return np.asarray(model.params[letters[0]], dtype=np.float64) if letters else None
+
+
+def fixed_in(run: xr.Dataset, where: str) -> Array | None:
+    """The `fixed_vector` of a run of one trajectory; of a user-defined system by its attributes."""
+    record = RunRecord.from_attrs(run.attrs)
+    if not record.is_own:
+        return fixed_vector(model_for(run, None), where)
+    places = json.loads(record.fixed or "{}")
+    letter = next((letter for letter, place in places.items() if place == where), None)
+    if letter is None:
+        return None
+    value = np.asarray(json.loads(record.parameters)[letter], dtype=np.float64)
+    return value[int(run["lane"])] if value.ndim > 1 and "lane" in run.coords else value
 
 
 def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:

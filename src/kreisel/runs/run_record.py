@@ -67,6 +67,9 @@ class Subject:
     bracket: str
     n: int
     parameters: str  # JSON
+    fixed: str | None = (
+        None  # JSON: of a user-defined system, the place where a parameter is at rest, "space" or "body"
+    )
     start_sha256: str
 
     @cached_property

@@ -17,7 +17,7 @@ from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.scheme import BALANCE, ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import fixed_vector, model_for, of_satellite, require_unchanged
+from kreisel.runs.geometry import fixed_in, model_for, of_satellite, require_unchanged
 from kreisel.runs.in_si import in_state_form
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.viewer.charts import figure
@@ -209,7 +209,7 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
             spans.add("saved states")
         label = "start" if number == len(lanes) - 1 else None
         axes.plot(*xyz[:1].T, "o", color=theme.ink, markerfacecolor=theme.colours[1], markersize=4, label=label)
-    _draw_axes(axes, lanes[0][1], radius, theme)
+    _draw_axes(axes, [run for _, run in lanes], radius, theme)
     axes.set_box_aspect((1, 1, 1), zoom=1.2)
     axes.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
     axes.set_axis_off()
@@ -219,14 +219,17 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.04), ncols=4, markerscale=1.0, handlelength=1.4)
 
 
-def _draw_axes(axes: Any, run: xr.Dataset, radius: float, theme: Theme) -> None:
-    """The axes of the frame of the vector, and the vertical or the body's axis if it is at rest in this frame."""
+def _draw_axes(axes: Any, lanes: list[xr.Dataset], radius: float, theme: Theme) -> None:
+    """The axes of the frame of the vector, and the vertical or the body's axis if it is at rest in this frame.
+
+    The vertical or the axis is omitted if lanes differ in it.
+    """
+    run = lanes[0]
     halo = [withStroke(linewidth=2.5, foreground=theme.paper)]  # of letters in front of a path
-    record = RunRecord.from_attrs(run.attrs)
-    model = None if record.is_own else model_for(run, None)
     space = run.attrs.get("frame") == Frame.REST.value
-    fixed = None if model is None else fixed_vector(model, "space" if space else "body")
-    fixed = None if fixed is None or fixed.shape != (3,) or not fixed.any() else fixed / np.linalg.norm(fixed)
+    vectors = [fixed_in(lane, "space" if space else "body") for lane in lanes]
+    usable = [v / np.linalg.norm(v) for v in vectors if v is not None and v.shape == (3,) and v.any()]
+    fixed = usable[0] if len(usable) == len(lanes) and np.allclose(usable, usable[0]) else None
     fixed = fixed if fixed is None or space else frame_of(run).axes @ fixed
     covered = np.zeros(3) if fixed is None or space else fixed
     for number, name in enumerate("123" if run.attrs.get("frame") == Frame.MOVING.value else "xyz"):

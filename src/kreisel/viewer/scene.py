@@ -39,7 +39,7 @@ from kreisel.runs.geometry import (
     Surroundings,
     attitude_of,
     continued,
-    fixed_vector,
+    fixed_in,
     model_for,
     of_satellite,
     require_unchanged,
@@ -57,6 +57,7 @@ MOST_PLACED = 20_000  # rows of which the path is computed
 ON_ITS_PATH = 0.16  # half the length of a body, to the largest distance
 SPIN = "The run carries no orientation: give kr.simulate orientation=(1, 0, 0, 0) to see the body spin."
 ARROWS = {"nadir": 2, "velocity": 0, "sun": 4, "field": 3, "target": 6}  # places of their colours
+LEAST_GLOBE = 0.05  # the Sun from an asteroid is a hundredth of this
 MOST_READ = 200_000  # rows of which the charts of the motion are computed
 
 
@@ -105,7 +106,7 @@ class Shown:
         self.radius = float(np.linalg.norm(self.tip, axis=-1).max(initial=0.0)) or 1.0
 
     def _fixed(self, where: str) -> Array | None:
-        v = None if self.model is None else fixed_vector(self.model, where)
+        v = fixed_in(self.run, where)
         if v is None or not v.any():
             return None
         return v @ self.axes.T if where == "body" and len(v) == 3 else v
@@ -128,6 +129,9 @@ class Shown:
     def _marked(self, tensor: Array | None) -> tuple[Array, str]:
         """The axis of the body whose tip is drawn, and its name; the axis of its known shape, if that is drawn."""
         shape = self.record.body_frame.shape if self._asked is None else ()
+        if tensor is None and not shape:  # of a user-defined system, as a perturbed body
+            self.subject = "the body"
+            return np.eye(3)[2], "third axis"
         return bodies.marked_axis(tensor, np.array(shape[1:]) if shape else None)
 
     def _path(self) -> Array | None:
@@ -184,7 +188,13 @@ class Shown:
             axis = 0.98 * size * axis
             self.body = self._drawn_body("ellipsoid", axis, inertia, 0.9 * size)
             self.legend["tip"] = f"{word} of {self.subject}"
-            self.note = f"T{self.subject[1:]} of the body, rotating about its centre, and the trace of its {word}."
+            ball = inertia is None and self._asked is None and not self.record.body_frame.shape
+            subject = (
+                "The body as a ball, since a run states no moments of it"
+                if ball
+                else f"T{self.subject[1:]} of the body"
+            )
+            self.note = f"{subject}, rotating about its centre, and the trace of its {word}."
         else:
             axis = size * axis / np.linalg.norm(axis)
             self.body = self._drawn_body("top", axis, inertia, 0.94 * size)
@@ -378,12 +388,12 @@ def _reach(around: Surroundings) -> float:
 
 
 def _globe(first: Shown) -> dict[str, Any] | None:
-    """The primary of a satellite: its radius in units of the largest distance, whether it is the Earth, the Sun."""
+    """The primary of a satellite: its radius in units of the largest distance, at least `LEAST_GLOBE`, and the Sun."""
     if first.around is None or first.model is None:
         return None
     params, sun = first.model.params, first.around.get("sun")
     return {
-        "size": float(np.max(params["radius"])) / _reach(first.around) or 0.05,
+        "size": max(float(np.max(params["radius"])) / _reach(first.around), LEAST_GLOBE),
         "earth": bool(np.all(abs(params["mu"] / EARTH - 1) < 1e-2)),
         "sun": None if sun is None else packed(np.round(SHORT * sun), "i2"),
     }
