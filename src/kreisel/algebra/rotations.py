@@ -148,6 +148,9 @@ def pfaffians(X: Array, *vectors: Array) -> dict[tuple[int, ...], tuple[Any, ...
     return out
 
 
+# -- Cayley transforms, by linear systems ----------------------------------------------------------
+
+
 def resolvent(X: Array, V: Array) -> Array:
     """(I - X)^-1 V for X (..., n, n) skew and columns V; for n = 3 (I + X + u u^T) V/(1 + |u|^2), X = hat(u)."""
     unit = identity(X.shape[-1])
@@ -223,6 +226,9 @@ def cayley_plane(x: Array, y: Array, v: Array) -> Array:
 def moebius(X: Array) -> Array:
     """(I + X)(I - X)^-1 for any matrix X (..., n, n); for skew X use `cayley`."""
     return solve(identity(X.shape[-1]) - X, identity(X.shape[-1]) + X)
+
+
+# -- orientations ----------------------------------------------------------------------------------
 
 
 def turn_left(X: Array, g: Array) -> Array:
