@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from matplotlib.font_manager import findfont
+from PIL import Image
 
 import kreisel as kr
 from kreisel import analysis
@@ -198,10 +199,9 @@ def test_figures_show_themselves(run):
 
 
 def test_a_film_shows_the_motion(run, tmp_path):
-    from PIL import Image
-
     view = kr.view(kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), run.isel(time=0), dt=0.05, steps=100, progress=False))
-    with Image.open(view.movie(tmp_path / "a.gif", seconds=0.4, fps=10)) as film:
+    view.movie(tmp_path / "a.gif", seconds=0.2, fps=10)
+    with Image.open(view.movie(tmp_path / "a.gif", seconds=0.4, fps=10)) as film:  # replaces a film of Kreisel's
         assert film.n_frames == 4 and film.info["duration"] == 100
         pictures = []
         for number in range(film.n_frames):
@@ -220,3 +220,8 @@ def test_films_that_cannot_be(run, tmp_path):
         kr.view(far).movie(tmp_path / "a.gif")
     with pytest.raises(kr.InputError, match="seconds"):
         kr.view(run).movie(tmp_path / "a.gif", seconds=-1)
+    with pytest.raises(kr.InputError, match="no argument 'loop'"):
+        kr.view(run).movie(tmp_path / "a.gif", loop=True)
+    Image.new("L", (2, 2)).save(tmp_path / "mine.gif")
+    with pytest.raises(kr.InputError, match=r"mine\.gif is unchanged"):
+        kr.view(run).movie(tmp_path / "mine.gif")

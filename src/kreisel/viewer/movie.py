@@ -16,7 +16,7 @@ from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.files import place, written
 from kreisel.runs.settings import positive_number, within
 from kreisel.viewer.bodies import DARK, METAL, PANEL
@@ -28,10 +28,12 @@ MOST_PICTURES = 2_000
 PIXELS, DPI = (640, 560), 100
 AZIMUTH, ELEVATION = np.radians(-49), np.radians(22)
 LIGHT = np.array([0.35, -0.55, 0.76])
+MARK = b"Film by Kreisel"
 TRAIL = 240  # points
 METALS = {METAL: "#9aa3ad", PANEL: "#1e3a8a", DARK: "#3a3f47"}
 
 
+@explained
 def movie(
     data: dict[str, Any],
     path: str | os.PathLike[str],
@@ -63,7 +65,16 @@ def movie(
             for time in times.tolist():
                 film.draw(figure, time)
                 writer.grab_frame()
+        if target.suffix.lower() == ".gif":
+            _mark(scratch)
     return target
+
+
+def _mark(gif: Path) -> None:
+    """A comment before the trailer of a GIF, by which Kreisel knows the file again (`FILE_MARKS`)."""
+    with gif.open("r+b") as file:
+        file.seek(-1, os.SEEK_END)
+        file.write(b"\x21\xfe" + bytes([len(MARK)]) + MARK + b"\0;")
 
 
 class _Film:
