@@ -86,6 +86,9 @@ def test_impulses_strike_every_lane(tmp_path: Path) -> None:
     run = kr.sweep(top, x0, design, path=tmp_path / "run", workers=0, save=["drift", "trajectories"], **more)
     single = kr.simulate(kr.LagrangeTop(p=(0, 0, 1), alpha=0.7), x0, **more)
     assert (run.m.isel({"system.alpha": 1}).values == single.m.values).all() and (run.energy_drift > 0.1).all()
+    for shown in (kr.plot, kr.view):
+        with pytest.raises(kr.InputError, match="got a sweep"):
+            shown(run.drop_dims("time"))  # a sweep without trajectories
     late = {**more, "impulses": {**more["impulses"], "time": 9.0}}
     for wrong in (late, {**more, "impulses": 3}):
         with pytest.raises(kr.InputError, match="impulses: expected"):

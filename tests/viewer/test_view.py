@@ -15,10 +15,10 @@ import pytest
 from PIL import Image
 
 import kreisel as kr
-from kreisel.physical import FreeBody, HeavyBody
+from kreisel.physical import FreeBody, Gyroscope, HeavyBody
 from kreisel.viewer import bodies
 from kreisel.viewer.frames import extremes, mixed
-from kreisel.viewer.page import address, as_json, page, scripts, server
+from kreisel.viewer.page import Source, address, as_json, page, scripts, server
 from kreisel.viewer.scene import scene
 from scenes import HOSTILE, IDENTITY, array, hostile, points, tip, turned
 from support import ROOT
@@ -373,6 +373,31 @@ def test_the_command_writes_one_file(tmp_path, top, x0, monkeypatch, capsys):
         kr.view(kr.open_run(tmp_path / "top.zarr")).save(tmp_path / "top.html" / "no.html")
     with pytest.raises(kr.InputError, match="no archive"):
         app(["view", str(tmp_path / "none.zarr")], standalone_mode=False)
+
+
+@pytest.mark.parametrize("damping", [(0, 0, 0), (0, 0, 0.1)])
+def test_the_commands_show_a_body_in_seconds_and_joules(tmp_path, damping, monkeypatch):
+    """Page, served page and figure of an archive have the clock, the energy and the title of the run in SI."""
+    from kreisel.cli import app
+
+    wheel = Gyroscope.flat(mass="3 kg", axial_moment="0.17 kg m^2", lever="15 cm", damping=damping)
+    start = wheel.state(tilt="60 deg", spin="400 rpm")
+    kr.simulate(wheel, start, dt="10 ms", t_end="2 s", path=tmp_path / "wheel.zarr", progress=False)
+    figures = []
+    monkeypatch.setattr("kreisel.cli.output.save_picture", lambda picture, *_: figures.append(picture))
+    app(["view", str(tmp_path / "wheel.zarr")], standalone_mode=False)
+    app(["plot", str(tmp_path / "wheel.zarr")], standalone_mode=False)
+    html = (tmp_path / "wheel.html").read_text()
+    data = json.loads(html.split('type="application/json">')[1].split("</script>")[0])
+    served = Source(tmp_path / "wheel.zarr").read()[1]
+    height = 3 * 9.80665 * 0.15 * np.cos(np.radians(60))  # potential energy; the axis is at rest at the start
+    energy = height + 0.5 * 0.17 * (400 * 2 * np.pi / 60) ** 2
+    for shown in (data, served):
+        assert shown["title"].startswith("Gyroscope") and shown["clock"]["unit"] == "s"
+        assert np.isclose(array(shown["time"], "f8")[-1] / shown["clock"]["size"], 2.0)
+        assert np.isclose(next(s for s in shown["series"] if s["name"] == "energy")["start"], energy)
+    assert "Gyroscope" in figures[0].get_suptitle() and "0.01 s" in figures[0].get_suptitle()
+    assert np.isclose(figures[0].subfigs[1].axes[-1].get_xlim()[1], 2.0)
 
 
 # -- the server ---------------------------------------------------------------------------------------------------

@@ -252,6 +252,7 @@ def plot(
     show: str | None = opt("The variable of a sweep to draw, a_max[2]."),
 ) -> None:
     """Draw the figure of an archive; for a sweep, a summary of its lanes over one or two varied quantities."""
+    from kreisel.runs.geometry import presented
     from kreisel.storage.archive import settled
     from kreisel.storage.opening import is_sweep, open_lanes, open_rows
     from kreisel.viewer.plots import plot as drawn, sweep_figure
@@ -264,11 +265,11 @@ def plot(
         raise InputError(f"--compare: expected archives of two runs, got the sweep {archive}. Leave it out.")
     if not swept and show is not None:
         raise InputError(f"--show: expected a sweep, got the run {archive}. Leave it out.")
-    second = open_rows(settled(compare)) if compare else None
+    second = presented(open_rows(settled(compare))) if compare else None
     picture = (
         sweep_figure(open_lanes(where), show, theme)
         if swept
-        else drawn(open_rows(where), compare=second, theme=theme, style=style)
+        else drawn(presented(open_rows(where)), compare=second, theme=theme, style=style)
     )
     output.save_picture(picture, target, overwrite)
     say(f"figure: {target}")
@@ -294,6 +295,7 @@ def view(
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline; for a sweep, of one lane."""
     from kreisel.files import require_file
+    from kreisel.runs.geometry import presented
     from kreisel.storage.archive import settled
     from kreisel.storage.opening import is_sweep, open_rows
     from kreisel.sweeps.sweep import one_lane
@@ -320,7 +322,7 @@ def view(
     if film and movie is None:
         raise InputError(f"--{next(iter(film))}: expected a film, --movie NAME.gif, got none.")
     require_file(place, overwrite)
-    shown = one_lane(where, lane[0] if lane else 0) if swept else open_rows(where)
+    shown = presented(one_lane(where, lane[0] if lane else 0) if swept else open_rows(where))
     lanes = shown.sizes.get("lane", 1)
     if not swept and not all(0 <= index < lanes for index in lane or ()):
         raise InputError(f"--lane: expected integers from 0 to {lanes - 1}, got {lane}.")

@@ -302,6 +302,12 @@ def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
         )
     missing = [name for name in attributes if name not in run.attrs]
     missing += ["time"] if "time" not in run.variables else []
+    if missing and "kreisel_sweep" in run.attrs:
+        raise InputError(
+            f"expected a run, got a sweep, a Dataset of its lanes without {', '.join(missing)}. `kreisel plot "
+            "sweep.zarr` draws its summaries, `kreisel view sweep.zarr --lane 7` writes the page of a lane; "
+            "kr.simulate with the values of a lane gives its run."
+        )
     if missing:
         raise InputError(
             f"expected a run with its times and attributes, got a Dataset without {', '.join(missing)}. Usual cause: "

@@ -36,6 +36,7 @@ import xarray as xr
 
 from kreisel.errors import InputError, RunError, explained, require_one_of, shown
 from kreisel.files import place, written
+from kreisel.runs.geometry import presented
 from kreisel.storage.opening import open_rows
 from kreisel.viewer.bodies import SHAPES, read_mesh
 from kreisel.viewer.scene import scene
@@ -245,9 +246,8 @@ class Source:
             mark = self._mark()
             if mark != self._seen:
                 try:
-                    self._scene = scene(
-                        open_rows(self._unfinished if self._unfinished.exists() else self._complete), self._lane
-                    )
+                    store = self._unfinished if self._unfinished.exists() else self._complete
+                    self._scene = scene(presented(open_rows(store)), self._lane)
                     self._seen = mark
                 except (InputError, RunError, OSError):
                     if not self._scene:
