@@ -1,1 +1,1 @@
-"""Engines of a scheme: its functions recorded, printed, and compiled."""
+"""Engines of a scheme: kernels from the graphs of its functions, the loops around them, JAX and SciPy."""

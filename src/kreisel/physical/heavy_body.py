@@ -47,23 +47,6 @@ class Motion(NamedTuple):
     nutation: Array  # theta'
 
 
-def _lanes(**values: tuple[Any, str]) -> tuple[Array, ...]:
-    """Finite values in SI, or values for each lane (lanes,), of one shape.  Raises `InputError`."""
-    arrays = [finite_floats(value, unit, name) for name, (value, unit) in values.items()]
-    for i, (name, (value, unit)) in enumerate(values.items()):
-        if arrays[i].ndim != 1 or not arrays[i].size:
-            arrays[i] = np.array(si_number(value, unit, name))
-    try:
-        return np.broadcast_arrays(*arrays)
-    except ValueError:
-        shapes = ", ".join(str(array.shape) for array in arrays)
-        raise InputError(f"{', '.join(values)}: expected lanes that fit, got {shapes}.") from None
-
-
-def _plain(x: Any) -> Any:
-    return x if np.ndim(x) else float(x)
-
-
 @explained
 @dataclass(frozen=True, repr=False)
 class Gyroscope(Forced):
@@ -335,3 +318,20 @@ def _least(up: Array) -> Array:
     q = np.stack([1 + z, y, -x, 0 * z], -1)
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     return np.where(length > LEAST, q / np.maximum(length, LEAST), (0.0, 1.0, 0.0, 0.0))
+
+
+def _lanes(**values: tuple[Any, str]) -> tuple[Array, ...]:
+    """Finite values in SI, or values for each lane (lanes,), of one shape.  Raises `InputError`."""
+    arrays = [finite_floats(value, unit, name) for name, (value, unit) in values.items()]
+    for i, (name, (value, unit)) in enumerate(values.items()):
+        if arrays[i].ndim != 1 or not arrays[i].size:
+            arrays[i] = np.array(si_number(value, unit, name))
+    try:
+        return np.broadcast_arrays(*arrays)
+    except ValueError:
+        shapes = ", ".join(str(array.shape) for array in arrays)
+        raise InputError(f"{', '.join(values)}: expected lanes that fit, got {shapes}.") from None
+
+
+def _plain(x: Any) -> Any:
+    return x if np.ndim(x) else float(x)

@@ -41,11 +41,6 @@ HALVES = {"added_mass": ("kg", "kg m^2"), "linear_drag": ("N s/m", "N m s"), "qu
 NONE = (0.0, 0.0, 0.0)
 
 
-def _cyclic(v: Any) -> tuple[Array, Array, Array]:
-    """(v1, v2, v3), (v2, v3, v1) and (v3, v1, v2): a formula for the first axis then holds for all."""
-    return np.asarray(v), np.roll(v, -1), np.roll(v, -2)
-
-
 @explained
 @dataclass(frozen=True, repr=False)
 class Ellipsoid(Varied):
@@ -330,3 +325,8 @@ def read_added_mass(path: str | os.PathLike[str], density: Any = 1.0, length: An
     if np.isnan(out).all():
         raise InputError(f"{source}: expected rows of the period {period:g}, got none.")
     return np.nan_to_num(out)  # WAMIT leaves out entries that vanish by symmetry
+
+
+def _cyclic(v: Any) -> tuple[Array, Array, Array]:
+    """(v1, v2, v3), (v2, v3, v1) and (v3, v1, v2): a formula for the first axis then holds for all."""
+    return np.asarray(v), np.roll(v, -1), np.roll(v, -2)

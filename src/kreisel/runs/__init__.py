@@ -1,1 +1,1 @@
-"""Runs: plans, simulation, archives, drift."""
+"""Runs: settings, plans, the rows that an engine fills, their description, drift and geometry."""

@@ -1,5 +1,7 @@
-"""One style for all figures and the page: colour-blind-safe (Okabe and Ito), light or dark, vector-friendly fonts; and
-one for journals: 183 mm wide, 8 points, a serif face, fonts kept as TrueType in PDF.
+"""Styles of figures: one for screens, which the page has too, light or dark, and one for journals.
+
+The first is colour-blind-safe (Okabe and Ito), with vector-friendly fonts; the second is 183 mm wide, 8 points,
+a serif face, with fonts kept as TrueType in PDF.
 
 The colours are in the order of use.  On dark paper blue is lightened and black becomes white; every colour has a
 contrast of at least 2.1 to its paper (lines), the ink of text 12.
