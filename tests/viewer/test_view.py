@@ -400,6 +400,24 @@ def test_the_commands_show_a_body_in_seconds_and_joules(tmp_path, damping, monke
     assert np.isclose(figures[0].subfigs[1].axes[-1].get_xlim()[1], 2.0)
 
 
+def test_the_figure_of_a_sweep_of_bodies_is_in_si(tmp_path, monkeypatch):
+    """Lanes of other levers have other units of the state; the momentum in kg m^2/s of each is drawn."""
+    from kreisel.cli import app
+
+    wheel = Gyroscope.flat(mass="3 kg", axial_moment="0.17 kg m^2", lever="15 cm")
+    spans = {"lever": ["15 cm", "20 cm"], "spin": ["300 rpm", "600 rpm"]}
+    options = {"dt": "2 ms", "t_end": "1 s", "path": tmp_path / "tops.zarr", "workers": 0, "progress": False}
+    run = kr.sweep(wheel, {"tilt": "20 deg"}, over=spans, **options)
+    figures = []
+    monkeypatch.setattr("kreisel.cli.output.save_picture", lambda picture, *_: figures.append(picture))
+    app(["plot", str(tmp_path / "tops.zarr")], standalone_mode=False)
+    titles = {axes.get_title(): axes for axes in figures[0].axes}
+    name = next(title for title in titles if title.startswith("momentum["))
+    axes, expected = titles[name], (run.momentum_max - run.momentum_min).values[..., int(name[9])]
+    drawn = np.asarray(axes.collections[0].get_array()).reshape(2, 2)
+    assert np.allclose(np.sort(drawn, axis=None), np.sort(expected, axis=None))
+
+
 # -- the server ---------------------------------------------------------------------------------------------------
 
 

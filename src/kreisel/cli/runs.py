@@ -267,7 +267,7 @@ def plot(
         raise InputError(f"--show: expected a sweep, got the run {archive}. Leave it out.")
     second = presented(open_rows(settled(compare))) if compare else None
     picture = (
-        sweep_figure(open_lanes(where), show, theme)
+        sweep_figure(presented(open_lanes(where)), show, theme)
         if swept
         else drawn(presented(open_rows(where)), compare=second, theme=theme, style=style)
     )
