@@ -305,3 +305,14 @@ def test_entries_beyond_the_last_do_not_count(n: int, monkeypatch: pytest.Monkey
     monkeypatch.setattr(large._Lane, "_within", lambda self, k, value: value)
     monkeypatch.setattr(large, "NEAR", large.NEAR / 2)  # part of the kernel's key
     assert (off() > 1e-3) == (n % 8 > 0)
+
+
+def test_constants_of_a_pair_are_those_of_arrays_where_a_state_is_too_long_for_a_graph() -> None:
+    """n = 230: the entries of m alone are more than the operations that are compiled."""
+    n, random = 230, np.random.default_rng(1)
+    A, a = random.normal(size=(n, n)) / n, random.normal(size=n)
+    top = kr.LagrangeTop(p=np.eye(n)[-1])
+    state = top.state(m=A - A.T, a=a / np.linalg.norm(a))
+    run = kr.simulate(top, state, dt=0.05, steps=3, method="baecklund", observe=["energy"])
+    assert abs(run.energy.values / run.energy.values[0] - 1).max() < 1e-12
+    assert abs(run.a.values[-1] - run.a.values[0]).max() > 1e-4  # it has moved

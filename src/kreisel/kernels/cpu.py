@@ -452,10 +452,10 @@ def compiled_point(
         function, wanted = getattr(scheme, name), name == "point"
         graph, number = Graph(4 * MOST), DoubleDouble if scheme.wide and wanted else lambda x: x
         wide: Any = np.frompyfunc(number, 1, 1)
-        state, constants = recorded_arguments(scheme, graph, {"c": columns})
-        mu = graph.inputs("s", 1 + pair)
-        x = Complex(*map(number, mu)) if pair else number(*mu)
         try:
+            state, constants = recorded_arguments(scheme, graph, {"c": columns})
+            mu = graph.inputs("s", 1 + pair)
+            x = Complex(*map(number, mu)) if pair else number(*mu)
             rho = function(*map(wide, state), mu=x, **{name: wide(value) for name, value in constants.items()})
             values = [*mu, *map(algebra.rounded, (rho.re, rho.im) if pair else (rho,))] if wanted else rho.ravel()
             outputs = as_operands(_marked([*values], folded))
