@@ -25,7 +25,7 @@ from cases import BenchCase, cases, machine, parser, write
 
 from kreisel.bench import DT, FLAGS, LANES, Contest, build, summary
 from kreisel.graph.graph import OVER, Number
-from kreisel.graph.machine import assembly
+from kreisel.graph.machine import assembly, processor
 from kreisel.graph.recording import Recording
 from kreisel.kernels.steps import Split, written_steps
 from kreisel.runs.planning import make_plan
@@ -107,12 +107,14 @@ def bound(code: Code) -> dict[str, Any] | None:
 
 
 def _throughput(analyser: str, assembly: str) -> float | None:
-    """Cycles of a block; None where the tool does not read it: one older than our LLVM does not know its syntax."""
-    command = [analyser, "-mcpu=native", "-iterations=100"]
+    """Cycles of a block; None where the tool, if older than our LLVM, does not know its syntax or this processor."""
+    command = [analyser, f"-mcpu={processor()[1]}", "-iterations=100"]
     try:
         done = subprocess.run(command, input=assembly, text=True, capture_output=True, check=False,
                               timeout=ANALYSER_SECONDS)  # fmt: skip
     except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
+        return None
+    if "not a recognized processor" in done.stderr:  # the tool would count the cycles of another one
         return None
     cycles = re.findall(r"Block RThroughput:\s+(\d+(?:\.\d+)?)\s", done.stdout)
     return float(cycles[0]) if done.returncode == 0 and len(cycles) == 1 else None

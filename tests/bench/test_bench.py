@@ -122,6 +122,7 @@ def test_the_bound_by_the_analyser_that_is_there(ensemble: Any, kernel: Any) -> 
         "echo nothing of use",
         "echo 'Block RThroughput: 96.0'; exit 1",
         "echo 'Block RThroughput: nan'",
+        "echo 'Block RThroughput: 96.0'; echo \"'znver9' is not a recognized processor for this target\" >&2",
         r"printf '\377\376'",
     ],
 )
