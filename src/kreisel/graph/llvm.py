@@ -152,7 +152,7 @@ class Variables(list[Memory]):
         return [memory[0] for memory in self]
 
     def put(self, values: Iterable[Any]) -> None:
-        """And back, which are as many."""
+        """Store as many values."""
         for memory, value in zip(self, values, strict=True):
             memory[0] = value
 

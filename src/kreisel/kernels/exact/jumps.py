@@ -120,7 +120,7 @@ class _Jumping:
                 write(row, width)
 
     def _written(self, program: Callable[[Array, Array, Any], Sequence[Any]]) -> Callable[[Function, Rows], None]:
-        """What writes a program of state, constants and time, which returns the error and the new state."""
+        """A writer of a program of state, constants and time, which returns the error and the new state."""
 
         @cache  # once for scalars and for vectors
         def recorded() -> tuple[Graph, list[Operand]]:
