@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
@@ -166,6 +167,24 @@ def test_the_flow_joins_rows_of_any_map_and_lane():
         assert len(own) > 5 and np.allclose(own, alone.time, atol=1e-11)
         there = kr.at(single, x0, own.values)
         assert abs(there.a[:, 0] - 0.1).max() < 1e-8  # the error of the map, order 8
+
+
+def test_events_of_a_free_body_are_those_of_scipy():
+    """Of a state of one component, M' = M x Omega."""
+    moments = np.array([0.9, 1.3, 1.6])
+    solution = solve_ivp(
+        lambda t, M: np.cross(M, M / moments),
+        (0, 200),
+        (0.1, 1.0, 0.2),
+        "DOP853",
+        rtol=1e-12,
+        atol=1e-13,
+        events=lambda t, M: M[1],
+    )
+    top = kr.EulerTop(J=(1.0, 0.6, 0.3))
+    run = kr.simulate(top, top.state(M=(0.1, 1.0, 0.2)), dt=0.1, steps=2000)
+    assert len(solution.t_events[0]) > 5
+    assert np.allclose(analysis.events(run, "M[1]").time, solution.t_events[0], atol=1e-8)
 
 
 def test_a_section_carries_the_orientation(exact):

@@ -159,7 +159,7 @@ def flatten(parts: Sequence[Array], kinds: Sequence[str]) -> Array:
     """Coordinates (..., d) of components, one after the other, with batch axes that are broadcast."""
     flat = [KINDS[kind].pack(component) for component, kind in zip(parts, kinds, strict=True)]
     if all(type(x) is np.ndarray and x.shape[:-1] == flat[0].shape[:-1] for x in flat):
-        return np.concatenate(flat, -1)
+        return np.ascontiguousarray(np.concatenate(flat, -1))  # of skew matrices the columns would be contiguous
     library = next((x.__array_namespace__() for x in flat if not isinstance(x, np.ndarray)), np)
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in flat))
     return library.concatenate([library.broadcast_to(x, (*batch, x.shape[-1])) for x in flat], -1)
