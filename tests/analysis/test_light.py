@@ -6,7 +6,7 @@ import pytest
 import kreisel as kr
 from kreisel.analysis import brightness, light_curve
 from kreisel.errors import InputError, InputWarning
-from kreisel.physical import Facets, FreeBody
+from kreisel.physical import Asteroid, Facets, FreeBody, Orbit
 
 ALPHA = np.linspace(0.01, 3.1, 12)
 SUN = np.tile([1.0, 0.0, 0.0], (12, 1))
@@ -90,6 +90,29 @@ def test_tables_lanes_light_time_and_the_phase_function():
     assert np.allclose(bright.flux / light.flux[:, 1], 1.5)
 
 
+def test_a_run_in_units_of_the_state_has_the_times_of_the_run_in_si():
+    body = FreeBody.ellipsoid(1e10, (450.0, 321.0, 308.0), time_unit=10.0)
+    turned = (0.5, 0.5, -0.5, 0.5)
+    start, times = body.state((1e-3, 2e-4, 1e-2), attitude=turned), np.linspace(0, 4000, 9)
+    way = kr.Table(times, np.stack([np.cos(times / 2000), np.sin(times / 2000), 0.1 + 0 * times], -1) * 1.495978707e11)
+    seen = {"sun": (1, 0, 0), "observer": way, "light_time": True}
+    scaled = kr.simulate(body.model(), start, dt=0.5, steps=800, every=100, orientation=body.orientation(turned))
+    expected = light_curve(kr.simulate(body, start, dt="5 s", t_end="4000 s", every="500 s"), **seen)
+    light = light_curve(scaled, (225, 160.5, 154), **seen)
+    assert np.allclose(light.flux, expected.flux, rtol=1e-9) and np.ptp(light.flux.values) > 1e3
+    assert np.allclose(light.arrival - times, 499.005 * 1.01**0.5, atol=0.01)
+
+
+def test_vectors_with_units():
+    moon = Asteroid.ellipsoid(1e13, (4000, 2000, 1900), Orbit("2 au", 0.1, primary=kr.physical.SUN))
+    run = kr.simulate(moon, moon.state((1e-5, 1e-6, 2e-5)), dt="1 h", t_end="2 d", every=24)
+    light = light_curve(run, sun=-run.position, observer=("-1.8 au", "0 au", "0 au"), light_time=True)
+    assert np.allclose(light.arrival - light.time, 1.8 * 499.005, atol=0.01)
+    x, y, _ = run.position.values.T  # of a body that is seen from the line to the perihelion
+    assert np.allclose(light.phase_angle, np.arctan2(y, x), atol=1e-9) and light.phase_angle[-1] > 0.01
+    assert "units" not in light_curve(run, Facets.ellipsoid(AXES), sun=(1, 0, 0), observer=(1, 0, 0)).flux.attrs
+
+
 def test_a_shape_in_the_format_of_damit(tmp_path):
     file = tmp_path / "shape.txt"
     file.write_text(CUBE)
@@ -151,6 +174,10 @@ def test_bad_input():
         (lambda: light_curve(run, (1, 2, 0), **view), "half axes > 0"),
         (lambda: light_curve(run, AXES, sun=(0, 0, 0), observer=(1, 0, 0)), "zero vector"),
         (lambda: light_curve(run, AXES, sun=(1, 0), observer=(1, 0, 0)), "the shape"),
+        (
+            lambda: light_curve(run, AXES, sun=(1, 0, 0), observer=(-1, 0.2, 0), phase=(0.5, 0.1, -0.5)),
+            "f > 0, got .* f = -0.472 at the phase angle 2.94",
+        ),
         (
             lambda: light_curve(run, AXES, sun=(1, 0, 0), observer=early),
             "observer: Table: expected times from 0 to 0.5",

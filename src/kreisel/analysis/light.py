@@ -32,6 +32,7 @@ from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.physical.shapes import Facets
 from kreisel.record.table import Table
 from kreisel.runs.geometry import attitude_of
+from kreisel.runs.in_si import is_in_si
 from kreisel.runs.run_record import a_run, frame_of
 
 LAWS = ("lommel-seeliger", "lambert", "geometric")
@@ -60,8 +61,8 @@ def light_curve(
 
     shape       half axes (3,) of an ellipsoid or `kr.physical.Facets`, along the axes in which the body was given;
                 default: the shape of the body, `FreeBody.ellipsoid`
-    sun         the vector from the body to the Sun in space: (3,), (time, 3), or a `kr.Table` of time; only its
-                direction counts
+    sun         the vector from the body to the Sun in space: (3,), (time, 3), or a `kr.Table` of time in s; only its
+                direction counts: -run.position of an `Asteroid`
     observer    the vector from the body to the observer
     law         as for `brightness`, and phase
     light_time  if true, `observer` is in m, and the coordinate `arrival` is the time at which the light of each row
@@ -72,7 +73,8 @@ def light_curve(
     """
     g = attitude_of(a_run(run, "system"))
     dims, coords = rows_of(run)
-    times = np.asarray(run["time"].values, dtype=np.float64)
+    times = np.asarray(run["time"].values, dtype=np.float64) * (1 if is_in_si(run) else frame_of(run).time_unit)
+    in_m = not isinstance(shape, Facets)  # which may have any unit
     if shape is None:
         kind, *half = frame_of(run).shape or ("",)
         if kind not in ("ellipsoid", "box"):
@@ -93,7 +95,7 @@ def light_curve(
     with np.errstate(divide="ignore"):
         magnitude = -2.5 * np.log10(flux)
     data = {
-        "flux": (dims, flux, {"long_name": "flux", "units": "m2"}),
+        "flux": (dims, flux, {"long_name": "flux"} | ({"units": "m2"} if in_m else {})),
         "magnitude": (dims, magnitude, {"long_name": "magnitude", "units": "mag"}),
         "phase_angle": ("time", _angle(s, o), {"long_name": "angle from the Sun to the observer", "units": "rad"}),
     }
@@ -149,7 +151,13 @@ def phase_function(phase: Any) -> Callable[[Array, Array], Any]:
 
     def factor(s: Array, o: Array) -> Array:
         alpha = _angle(s, o)
-        return A * _namespace(alpha).exp(-alpha / D) + k * alpha + 1
+        value = A * _namespace(alpha).exp(-alpha / D) + k * alpha + 1
+        if not isinstance(s, np.ndarray) or (value > 0).all():  # arrays of JAX have no values
+            return value
+        raise InputError(
+            f"phase: expected (A, D, k) with f > 0, got {shown(phase)}, f = {value.min():.3g} at the phase angle "
+            f"{alpha[value <= 0].min():.3g}. Usual cause: a fit to smaller phase angles, or degrees for radians."
+        )
 
     return factor
 
@@ -245,7 +253,7 @@ def weights_of(law: Any) -> dict[str, float]:
 
 def _vectors(value: Any, times: Array, name: str) -> Array:
     try:
-        v = value(times) if isinstance(value, Table) else finite_floats(value, "1", name)
+        v = value(times) if isinstance(value, Table) else finite_floats(value, "m", name)
     except InputError as error:
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from None
     if v.shape not in ((3,), (len(times), 3)):
