@@ -36,7 +36,7 @@ class Bdot:
 
 
 class Pointing:
-    """Proportional and derivative torque towards the frame of the orbit; magnets unload.
+    """The torque -2 k sign(q_0) (q_1, q_2, q_3) - c (w - w_0) towards the frame of the orbit; magnets unload.
 
     [Markley, Crassidis 2014]
     """
@@ -49,7 +49,10 @@ class Pointing:
         normal = np.cross(r, v)
         across, down = -normal / np.linalg.norm(normal), -r / np.linalg.norm(r)
         E = np.column_stack([np.cross(across, down), across, down]).T @ C  # the body in the frame of the orbit
-        error = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
+        v = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
+        K = np.block([[E.trace(), v], [v[:, None], E + E.T - E.trace() * np.eye(3)]])
+        q = np.linalg.eigh(K)[1][:, -1]  # the quaternion of E [Bar-Itzhack 2000]
+        error = 2 * np.copysign(1, q[0]) * q[1:]
         torque = -self.stiffness * error - self.damping * (w - C.T @ normal / (r @ r))
         dipole = self.unloading * np.cross(h, B) / (B @ B)
         return np.clip(dipole, -self.most, self.most), np.clip(-torque, -self.limit, self.limit)

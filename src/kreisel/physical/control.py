@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any, cast
 
 import numpy as np
@@ -304,7 +305,7 @@ def pointing(
 ) -> Control:
     """Wheels that hold an attitude: the torque -stiffness a - damping (w - w_0), with a the rotation from the target.
 
-    The vector a is along the axis of the rotation; of an angle A its length is sin A for "orbit", else 2 sin(A/2).
+    The vector a is along the axis of the rotation, by the shorter way; for an angle A its length is 2 sin(A/2).
 
     wheels     `Wheels` of the satellite, at least three; each has its share of the torque by the pseudoinverse
     stiffness, damping   N m/rad and N m s: I f^2 and 2 z I f for a frequency f and a damping ratio z
@@ -349,10 +350,10 @@ class _Pointing:
         unloading: Any,
     ) -> dict[str, Array]:
         if self.aim is None:
-            turn, error = _from_orbit(position, velocity)
-        else:  # 2 sin(a/2) about the axis of the rotation, by the shorter way
-            off = algebra.quaternion_product(algebra.inverse_turn(self.aim), attitude)
-            turn, error = 0 * rates, algebra.where_less(off[0], 0, -2.0, 2.0) * off[1:]
+            turn, off = _from_orbit(position, velocity)
+        else:
+            turn, off = 0 * rates, algebra.quaternion_product(algebra.inverse_turn(self.aim), attitude)
+        error = algebra.where_less(off[0], 0, -2.0, 2.0) * off[1:]
         torque = -stiffness * error - damping * (rates - turn)
         h = wheels @ self.axes
         dipole = unloading * algebra.cross(h, field) / algebra.dot(field, field)
@@ -360,12 +361,18 @@ class _Pointing:
 
 
 def _from_orbit(r: Array, v: Array) -> tuple[Array, Array]:
-    """The angular velocity of the frame of the orbit, and the rotation of the body from it: sin(a) about its axis."""
+    """The angular velocity of the frame of the orbit, and the quaternion q of the body from it, along the body axes.
+
+    q is the longest row of 4 q q^T, which is linear in the matrix: not small for any angle.  [Shepperd 1978]
+    """
     w = algebra.cross(r, v) / algebra.dot(r, r)
     down, across = -algebra.unit(r), -algebra.unit(w)
-    ahead = algebra.cross(across, down)
-    error = sum(algebra.cross(to, axis) for to, axis in zip((ahead, across, down), np.eye(3), strict=True))
-    return w, error / 2
+    axes, units = np.stack([algebra.cross(across, down), across, down]), np.eye(3)
+    trace = axes[0, 0] + axes[1, 1] + axes[2, 2]
+    d = sum(algebra.cross(to, axis) for to, axis in zip(axes, units, strict=True))
+    K = axes + axes.T + (1 - trace) * units
+    rows = [algebra.quaternion(1 + trace, d), *(algebra.quaternion(d[i], K[i]) for i in range(3))]
+    return w, algebra.unit(reduce(lambda p, q: np.where((p * p).sum() < (q * q).sum(), q, p), rows))
 
 
 def _towards_sun(
