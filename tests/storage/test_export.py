@@ -177,6 +177,18 @@ def test_attributes_of_any_kind(archive: Path, tmp_path: Path) -> None:
     assert (attrs["exactly"], attrs["array"], attrs["keys"]) == ("0.1", [1, 2], "{(1, 2): {3}}")
 
 
+def test_an_archive_does_not_get_the_name_of_an_export(archive: Path, tmp_path: Path) -> None:
+    """A run or a sweep at a path such as run.nc is refused, with a call that writes the file."""
+    top, design = kr.LagrangeTop(p=(0, 0, 1)), kr.Design(grid={"state.m[0]": (0.1, 0.2)})
+    start = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
+    for name in ("t.nc", "t.H5", "t.parquet", "t.csv", "t.npz"):
+        with pytest.raises(kr.InputError, match="path: expected the name of a Zarr archive"):
+            kr.simulate(top, start, dt=0.1, steps=4, path=tmp_path / name)
+    with pytest.raises(kr.InputError, match=r"kr\.export\('.*t\.zarr', '.*t\.nc'\)"):
+        kr.sweep(top, start, design, dt=0.1, steps=4, path=tmp_path / "t.nc", workers=0)
+    assert not [*tmp_path.glob("t.*")]
+
+
 def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match="must end in"):
         kr.export(archive, tmp_path / "run.txt")

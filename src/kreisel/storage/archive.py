@@ -42,6 +42,7 @@ MADE = re.compile(
 )
 CHECKPOINT = "engine/checkpoint.npz"
 LINE = re.compile(r"([0-9a-f]{64})  ([^\0\n]+)")
+EXPORTS = (".nc", ".h5", ".parquet", ".csv", ".npz")  # endings of tables and arrays that `kr.export` writes
 LARGEST_LIST, LARGEST_CHUNK = 1 << 30, 1 << 30  # bytes; chunks have a thousandth
 
 Listed = dict[str, frozenset[str]]  # the files of an archive, and the allowed SHA-256 of each
@@ -50,6 +51,18 @@ Listed = dict[str, frozenset[str]]  # the files of an archive, and the allowed S
 def target(path: str | os.PathLike[str]) -> Path:
     """A path that can name an archive, with ~ for the home folder.  Raises `InputError`."""
     return place(path, "The archive needs a name such as run.zarr")
+
+
+def new_target(path: str | os.PathLike[str]) -> Path:
+    """A path that can name a new archive.  Raises `InputError`, also for the name of an export."""
+    where = target(path)
+    if where.suffix.lower() in EXPORTS:
+        store = where.with_suffix(".zarr")
+        raise InputError(
+            f"path: expected the name of a Zarr archive, such as {store}, got {where}. Use path='{store}', then "
+            f"kr.export('{store}', '{where}') (kreisel export {store} {where})."
+        )
+    return where
 
 
 # -- metadata ----------------------------------------------------------------------------------------

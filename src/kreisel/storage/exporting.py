@@ -47,7 +47,7 @@ from kreisel.runs.geometry import (
 from kreisel.runs.in_si import VELOCITY, is_in_si
 from kreisel.runs.run_record import RunRecord, frame_of
 from kreisel.runs.settings import flag, positive_number
-from kreisel.storage.archive import target
+from kreisel.storage.archive import EXPORTS, target
 from kreisel.units import measured
 
 NUMBERS_AT_ONCE = 1 << 20
@@ -317,7 +317,7 @@ def _npz(run: xr.Dataset, out: Path) -> None:
         np.savez_compressed(file, **arrays)
 
 
-WRITERS: dict[str, Any] = {".nc": _netcdf, ".h5": _netcdf, ".parquet": _parquet, ".csv": _csv, ".npz": _npz}
+WRITERS: dict[str, Any] = dict(zip(EXPORTS, (_netcdf, _netcdf, _parquet, _csv, _npz), strict=True))
 
 
 # -- messages and kernels of attitude -------------------------------------------------------------------

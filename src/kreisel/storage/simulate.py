@@ -116,10 +116,10 @@ def _in_memory(plan: Plan, progress: bool | None, idle: deque[Plan]) -> xr.Datas
 
 
 def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress: bool | None) -> xr.Dataset:
-    from kreisel.storage.archive import one_writer, target
+    from kreisel.storage.archive import new_target, one_writer
     from kreisel.storage.run_archive import RunArchive
 
-    where = target(path)
+    where = new_target(path)
     require_room(where, bytes_of(plan)[1], "Save less often (every), or choose another disk.")
     integration = Integration(plan)  # compiled before anything is created there
     warn_of_arrays(plan)

@@ -35,9 +35,10 @@ from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, far, lane_scales
 from kreisel.runs.geometry import presented
 from kreisel.runs.in_si import scaled
 from kreisel.runs.integration import Integration
+from kreisel.runs.plan import NOT_CONSERVED
 from kreisel.runs.settings import check_model, checked_state, flag, with_steps
 from kreisel.storage import checking
-from kreisel.storage.archive import one_writer, target
+from kreisel.storage.archive import new_target, one_writer
 from kreisel.storage.checking import MOST_STEPS, SAMPLES
 from kreisel.storage.opening import COMPUTED, SweepRecord, open_lanes
 from kreisel.sweeps.design import Design, Lanes, described
@@ -129,7 +130,7 @@ def sweep(
         description, model = _of_system(system, x0, orientation, run, spec)
     source = user_defined(model, description)
     options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "overwrite": overwrite, "progress": progress}
-    report = carry_out(description, target(path), source=source, **options)
+    report = carry_out(description, path, source=source, **options)
     return gridded(presented(watched_lanes(open_lanes(report.path), source)))
 
 
@@ -163,7 +164,7 @@ def _of_system(
 
 def carry_out(
     description: Mapping[str, Any],
-    path: Path,
+    path: str | os.PathLike[str],
     *,
     source: Path | System | None = None,
     workers: int | None = None,
@@ -172,7 +173,7 @@ def carry_out(
     progress: bool | None = None,
 ) -> Report:
     """Compute a sweep, or resume it, from its description; `source`: a user-defined system, or its file."""
-    begun = time.perf_counter()
+    begun, path = time.perf_counter(), new_target(path)
     plain = _checked_description(described(shallow(description, "The description of the sweep")), source)
     check_workers(workers, scheduler)
     store = Store(path, Sweep(plain, source))
@@ -265,8 +266,7 @@ def broken_lanes(result: xr.Dataset, source: Path | System | None = None) -> lis
         of_lane = {name: (first[lane], change[lane]) for name, (first, change) in changes.items()}
         sentences += [f"lane {lane}: {name}" for name in _broken(result, sweep, lane, of_lane)[:1]]
     return [
-        f"{where} is not conserved, although the method conserves it. Usual cause: a step far too long for this state, "
-        "or a map or an integral that contradicts its record. Use a smaller dt."
+        f"{where} is not conserved, although the method conserves it. Usual cause: {NOT_CONSERVED}"
         for where in sentences
     ]
 
