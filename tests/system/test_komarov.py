@@ -43,11 +43,20 @@ def eigenvalues(model: Any, z: Any, lam: complex) -> np.ndarray:
 
 def off(model: Any, state: dict[str, np.ndarray], dt: float, steps: int, digits: int = 20, **options: Any) -> float:
     """The error of the last row against a Taylor series, relative to the largest coordinate."""
-    run = kr.simulate(model, state, dt=dt, steps=steps, every=steps, method="exact", **options)
+    run = kr.simulate(model, state, dt=dt, steps=steps, every=steps, **({"method": "exact"} | options))
     z = model.state(**state)
     want = flow_of(model, (z["M"], z["P"]), dt * steps, digits=digits).astype(float)
     end = np.concatenate([algebra.coordinates(algebra.hat(run.M.values[-1])), run.P.values[-1]])
     return float(abs(end - want).max() / abs(want).max())
+
+
+def test_a_state_too_small_for_the_maps_gets_a_method_that_accepts_it() -> None:
+    """At 1e-8 next to c = 1 eight digits of the maps cancel: no dt is the cause, and the message names a method."""
+    model, state = case("so(3,1)")
+    state = {letter: 1e-8 * value for letter, value in state.items()}
+    with pytest.raises(kr.RunError, match=r"far smaller than a parameter.*method='dop853', tol=1e-13"):
+        kr.simulate(model, state, dt=0.1, steps=20, method="exact")
+    assert off(model, state, 0.1, 20, method="dop853", tol=1e-13) < 1e-7
 
 
 def test_the_record_over_q_at_twenty_points() -> None:

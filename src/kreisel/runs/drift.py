@@ -19,7 +19,7 @@ from kreisel.method import scheme
 from kreisel.method.scheme import KINDS, ORIENTATION
 from kreisel.runs.geometry import require_unchanged
 from kreisel.runs.in_si import frame_in_si, in_state_form
-from kreisel.runs.plan import Plan
+from kreisel.runs.plan import NOT_CONSERVED, Plan
 from kreisel.runs.run_record import RunRecord, a_run
 from kreisel.runs.settings import Settings
 
@@ -170,8 +170,7 @@ def far(change: Any, width: Any, scale: Any, turn: float) -> Any:
 def _sentence(name: str, row: Any) -> str:
     return (
         f"{name} is not conserved, although the method conserves it: expected a change of some units in the last "
-        f"place, got {row['max_change']:.2g} from {row['start']:.6g}. Usual cause: a step far too long for this "
-        "state, or a map or an integral that contradicts its record. Use a smaller dt."
+        f"place, got {row['max_change']:.2g} from {row['start']:.6g}. Usual cause: {NOT_CONSERVED}"
     )
 
 

@@ -33,6 +33,10 @@ TIMES = "times"  # the times of the rows, next to the state in `Plan.start`
 BREAKS = "breaks/"  # prefixes of the names of impulses and events in a snapshot
 FEW = 64  # entries
 COMPUTED = ("constants", "stages", "basis")  # constants of a scheme
+NOT_CONSERVED = (  # the usual cause, and the fix
+    "a step far too long for this state, a state far smaller than a parameter, or a map or an integral that "
+    "contradicts its record. Use a smaller dt, or for a small state method='dop853', tol=1e-13."
+)
 
 
 @dataclass
@@ -403,8 +407,7 @@ def faults(scheme: Scheme, engine: Engine, rows: Floats, dt: float) -> Iterator[
             yield Fault(
                 np.broadcast_to(~beyond.any(-1), (len(rows) + 1, len(engine.z))),
                 f"{name} is not conserved, although the method conserves it",
-                "a step far too long for this state, or a map or an integral that contradicts its record. Use a "
-                "smaller dt; project=False (--no-project) shows the map without projection.",
+                f"{NOT_CONSERVED} project=False (--no-project) shows the map without projection.",
                 seen=False,
             )
 
