@@ -238,6 +238,20 @@ def degrees(v: Values) -> Values:
     return {**v, "angular_velocity": np.degrees(v["angular_velocity"])}
 
 
+def upward(v: Values) -> Values:
+    """In the space of an engine whose second axis points up."""
+    turn = Rotation.from_euler("x", -90, degrees=True)
+    return {**v, "attitude": (turn * Rotation.from_quat(v["attitude"], scalar_first=True)).as_quat(scalar_first=True)}
+
+
+def left_handed(v: Values) -> Values:
+    """Of a left-handed frame, right, up, forward, and from space to body."""
+    return {
+        "angular_velocity": -v["angular_velocity"][:, [0, 2, 1]],
+        "attitude": v["attitude"][:, [0, 1, 3, 2]],
+    }
+
+
 def unnormalised(v: Values) -> Values:
     return {**v, "attitude": v["attitude"] * (1 + np.linspace(0, 0.02, ROWS))[:, None]}
 
@@ -290,6 +304,9 @@ MISTAKES = [
     (BRICK, of_output(in_body), "along the axes of the body, not of space"),
     (BRICK, of_output(mirrored), "axes: the components are (-x, y, z)"),
     (TOP, of_output(swapped), "axes of the angular velocity: the components are (x, z, y)"),
+    (BRICK, of_output(upward), "axes of space: the components are (x, z, -y)"),
+    (TOP, of_output(upward), "axes of space: the components are (x, z, -y)"),
+    (BRICK, of_output(left_handed), "axes: the components are (-x, -z, -y), and the attitude is conjugate"),
     (BRICK, of_output(unnormalised), "not normalised: its norm is off by up to 2.0e-02"),
     (TOP, of_output(unnormalised), "not normalised"),
     (BRICK, lambda b: b.run(later=b.times[1]), "each row has the state of one step of 0.5 s later"),

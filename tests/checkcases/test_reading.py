@@ -120,6 +120,17 @@ def test_the_direction_is_recognised_although_the_equations_are_wrong(tmp_path: 
     assert "w x I w is left out" in str(BRICK.grade(trajectory.times, **trajectory.quantities).mistake)
 
 
+def test_columns_that_are_not_graded_are_stated(tmp_path: Path) -> None:
+    motion = Motion(BRICK)
+    columns = [motion.t, motion.w[:, [0, 2]], motion.q, motion.q]
+    path = written(tmp_path / "mine.csv", "t,wx,wz,qw,qx,qy,qz,qr,qi,qj,qk", ",", columns)
+    reading = read(path, BRICK).reading
+    assert any(sentence.startswith("columns wx, wz, qr, qi, qj, qk: left out") for sentence in reading), reading
+    bare = written(tmp_path / "bare.csv", "t,qx,qy,qz", ",", [motion.t, motion.q[:, 1:]])
+    with pytest.raises(kr.InputError, match="qx, qy, qz: left out"):
+        read(bare, BRICK)
+
+
 HEAD = "t,wx,wy,wz\n"
 ROW = "0,0.17453292519943295,0.3490658503988659,0.5235987755982988\n"
 BAD = [
@@ -132,6 +143,9 @@ BAD = [
     ("0,1,2,3\n1,2,3,4\n", "expected names of columns in the first line"),
     (HEAD + ROW + "1,0.2,nan,0.5\n", "mine.csv, line 3, column wy: expected a finite number, got 'nan'"),
     (HEAD + ROW + "1,0.2,fast,0.5\n", "mine.csv, line 3, column wy: expected a finite number, got 'fast'"),
+    (HEAD + "s,rad/s,rad/s,rad/s\n" + ROW, "got 's'. Usual cause: a line of units"),
+    ("t,wx,wy,wz,wx\n", "expected columns with different names, got wx twice"),
+    (HEAD + ROW + "60" + ROW[1:], "0 to 30 s, got 0.0 to 60.0"),  # not 60 ms
     (HEAD + ROW + "1,0.2\n", "mine.csv, line 3: expected 4 columns as in the first line, got 2"),
     (HEAD + ROW + "0" + ROW[1:], "got 0 in row 1 and 0 in row 2. Usual cause: the row is there twice"),
     (HEAD + ROW + "-1" + ROW[1:], "column t: expected increasing times, got 0 in row 1 and -1 in row 2"),

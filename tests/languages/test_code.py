@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from compilers import run, syntax_errors
@@ -169,6 +171,44 @@ def test_a_body_whose_force_depends_on_its_attitude(tmp_path: Path) -> None:
     wanted = solve_ivp(rates, (0, 100 * DT), first, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
     off = np.concatenate([unit * end[:3], end[3:]]) - wanted
     assert abs(off).max() < 1e-7 and abs(end - start).max() > 0.1
+
+
+def test_a_file_begins_as_a_run_of_its_body_and_states_axes_and_units(tmp_path: Path) -> None:
+    """I omega' = tau(t) - omega x I omega along axes that are not principal, from an attitude, by SciPy."""
+    inertia, w, q = [[0.9, 0.1, -0.05], [0.1, 1.3, 0.07], [-0.05, 0.07, 1.6]], [1.0, 2.0, -1.0], [0.8, 0.2, -0.4, 0.4]
+    body = kr.physical.FreeBody(inertia, torque=lambda t: 0.1 * np.array([np.sin(3 * t), 0, np.cos(t)]))
+    text = kr.code(body, body.state(w, attitude=q), dt=DT, name="rock")
+    unit = float(re.findall(r"One unit of M is (\S+) kg", text)[0])
+    axes = np.array(json.loads(re.findall(r"R =\s+(\[.*?\]), by\s+rows", text, re.DOTALL)[0]))
+    turn = Rotation.from_matrix(axes)
+
+    def moved(calls: str) -> tuple[np.ndarray, Rotation]:
+        out = by_c(tmp_path, text, "rock", calls)
+        return unit * axes @ out[:3], Rotation.from_quat(out[3:7], scalar_first=True) * turn.inv()
+
+    def rates(t: float, L: np.ndarray) -> np.ndarray:
+        return np.cross(L, np.linalg.solve(inertia, L)) + 0.1 * np.array([np.sin(3 * t), 0, np.cos(t)])
+
+    def after(t: float, start: float = 0.0) -> np.ndarray:
+        first = inertia @ np.array(w)
+        return np.asarray(solve_ivp(rates, (start, start + t), first, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1])
+
+    M, attitude = moved("")
+    assert np.allclose(M, inertia @ np.array(w), rtol=1e-12)
+    assert (attitude * Rotation.from_quat(q, scalar_first=True).inv()).magnitude() < 1e-12
+    assert abs(moved("rock_advance(&c, &s, 100);")[0] - after(100 * DT)).max() < 1e-7
+    later = moved("s._count[0] = 50; rock_advance(&c, &s, 100);")[0]
+    assert abs(later - after(100 * DT, 50 * DT)).max() < 1e-7 < abs(later - after(100 * DT)).max()
+
+
+def test_an_example_of_a_body_with_forces_has_the_attitude_of_its_axis(tmp_path: Path) -> None:
+    """a = g e_3 of a gyroscope, P = g^T e_3 of a heavy body."""
+    top = kr.physical.Gyroscope.flat(3, 0.17, 0.15, torque=lambda t: np.array([0.0, 0, 0.1 * t]))
+    heavy = kr.physical.HeavyBody(0.4, (0.3, 0.2, 0.25), (0, 0.1, 0.2), torque=lambda t: np.array([0.0, 0, 0.1 * t]))
+    for body, column in ((top, True), (heavy, False)):
+        out = by_c(tmp_path, kr.code(body, dt=DT, name="rock"), "rock", "")
+        R = Rotation.from_quat(out[6:10], scalar_first=True).as_matrix()
+        assert abs((R[:, 2] if column else R[2]) - out[3:6]).max() < 1e-14
 
 
 ROCK: dict[str, Any] = {"dt": DT, "name": "rock", **TURNED}

@@ -75,3 +75,33 @@ def test_bad_input_is_named(words: tuple[str, ...], part: str, folder: Path) -> 
 def test_a_name_instead_of_a_body_is_named() -> None:
     with pytest.raises(kr.InputError, match="A system with its parameters was expected"):
         kr.code("free-body")  # type: ignore[arg-type]
+
+
+def test_a_body_of_a_toml_file_is_in_si(folder: Path) -> None:
+    """The units of its state are stated, those of a free body are SI; --dt is in s, as in the file."""
+    assert CliRunner().invoke(app, ["new", "gyroscope"]).exit_code == 0
+    text = code("gyroscope.toml", "--dt", "0.002", "--name", "rock")
+    assert "One unit of m is" in text
+    unit, step = (float(re.findall(p, text)[0]) for p in (r"One unit of time is (\S+) s", r"rock_dt = (.*);"))
+    assert np.isclose(unit * step, 0.002, rtol=1e-12)
+    (folder / "box.toml").write_text(BOX)
+    text = code("box.toml", "--dt", "0.002", "--name", "rock")
+    assert "Units: SI" in text
+    assert "rock_dt = 0.002;" in text
+    assert np.allclose(values(text, "I"), [0.9 * (0.17**2 + 0.24**2) / 12, 0.9 * 0.0585 / 12, 0.9 * 0.0298 / 12])
+    momentum = values(text, "start_M")
+    assert np.allclose(momentum, np.array(values(text, "I")) * [0, 2, 0.5])
+
+
+BOX = """[body]
+kind = "free-body"
+mass = 0.9
+sides = [0.03, 0.17, 0.24]
+[state]
+spin = [0, 2, 0.5]
+[run]
+dt = 0.01
+t_end = 1.0
+[output]
+path = "box.zarr"
+"""

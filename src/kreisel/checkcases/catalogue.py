@@ -181,7 +181,7 @@ class Case:
             got = "none" if times.size == 0 else f"{shown(float(times.min()))} to {shown(float(times.max()))}"
             raise InputError(
                 f"times: expected times of the case {self.name}, 0 to {last:g} s, got {got}. Usual cause: another unit "
-                "of time, or a run that is longer than the case; leave the later rows out."
+                "of time, times that are not 0 at the start, or a run longer than the case; leave the later rows out."
             )
         return np.minimum(times, last)
 

@@ -103,7 +103,9 @@ class _Trials:
 
     def views(self) -> Iterator[Trial]:
         """The exact motion in other orders, units, frames and axes."""
-        exact = self.exact
+        from scipy.spatial.transform import Rotation
+
+        exact, rotations = self.exact, Rotation.from_quat(self.exact["attitude"], scalar_first=True)
         w, space, q = (exact[name] for name in ("angular_velocity", "angular_velocity_space", "attitude"))
         yield "the quaternion is (x, y, z, w), taken for (w, x, y, z)", {**exact, "attitude": np.roll(q, -1, -1)}
         yield "the quaternion is (w, x, y, z), taken for (x, y, z, w)", {**exact, "attitude": np.roll(q, 1, -1)}
@@ -127,8 +129,16 @@ class _Trials:
             text = ", ".join("-" * (s < 0) + "xyz"[k] for k, s in zip(order, signs, strict=True))
             changed = {name: exact[name][:, order] * signs for name in vectors}
             changed["attitude"] = np.concatenate([q[:, :1], q[:, 1:][:, order] * signs], -1)
-            for title, names in groups.items() if text != "x, y, z" else ():
+            if text == "x, y, z":
+                continue
+            for title, names in groups.items():
                 yield f"{title}: the components are ({text})", {**exact, **{name: changed[name] for name in names}}
+            conjugate = {**changed, "attitude": changed["attitude"] * [1, -1, -1, -1]}
+            yield f"axes: the components are ({text}), and the attitude is conjugate", {**exact, **conjugate}
+            if np.linalg.det(turn := np.eye(3)[list(order)] * np.array(signs)[:, None]) > 0:
+                turned = {name: changed[name] for name in vectors if name not in ("angular_velocity", "velocity")}
+                turned["attitude"] = (Rotation.from_matrix(turn) * rotations).as_quat(scalar_first=True)
+                yield f"axes of space: the components are ({text})", {**exact, **turned}
 
     def clocks(self) -> Iterator[Trial]:
         """The exact motion at other times."""

@@ -63,6 +63,8 @@ WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 ALL, EARLY = slice(None), slice(3)  # rows that decide between conventions
 BETTER = 3  # factor by which they do
 CLOSE, FAR = 1e-3, 0.2  # relative: the start matches; it does not
+MOST = 12  # names in a sentence
+LEAST = 0.02  # part of the duration of a case; runs 20 times as long as the case are in ms
 
 
 class Trajectory(NamedTuple):
@@ -128,6 +130,10 @@ def read(
     reference = case.reference(times)
     exact = {str(name): reference[name].values for name in reference}
     if not columns:
+        named = {name for group in groups for name in group.columns}
+        if unnamed := [name for name in table.columns if name not in named]:
+            surplus = f" and {len(unnamed) - MOST} more" * (len(unnamed) > MOST)
+            sentences.append(f"columns {', '.join(unnamed[:MOST])}{surplus}: left out, not recognised or incomplete")
         groups = [group for group in groups if not _left_out(group, table, exact, sentences)]
     quantities = _quantities(table, groups, specified, exact, sentences)
     _check_start(case, quantities, exact, table.source)
@@ -149,6 +155,8 @@ def _quantities(
         if len(values) != rows:
             raise InputError(f"{table.source}, {listed}: expected {rows} rows, as many as times, got {len(values)}.")
         options = [option for option in _options(values, group, specified) if option.name in exact]
+        if not options and group.role != "time":
+            sentences.append(f"{listed}: left out, the case has no {group.role}")
         if not options:
             continue
         option, reason = _chosen(options, exact, f"{table.source}, {listed}", group.unit)
@@ -162,7 +170,7 @@ def _quantities(
     if not quantities:
         raise InputError(
             f"{table.source}: expected columns such as wx, wy, wz or qw, qx, qy, qz with one of {', '.join(exact)}, "
-            f"got {', '.join(table.columns)}. Specify them: columns={{'rates': [...]}}."
+            f"got {'; '.join(sentences)}. Specify them: columns={{'rates': [...]}}."
         )
     return quantities
 
@@ -203,9 +211,11 @@ class _Table:
                 values.append(math.nan)
             if not abs(values[-1]) < LARGEST:
                 place = f"line {self.lines[row]}" if self.lines else f"row {row + 1}"
+                advice = "Leave out the rows from there on if the simulation failed."
+                if not _is_number(str(text)):
+                    advice = "Usual cause: a line of units or a second line of names, or values with a decimal comma."
                 raise InputError(
-                    f"{self.source}, {place}, column {name}: expected a finite number, got {shown(text)}. Leave out "
-                    "the rows from there on if the simulation failed."
+                    f"{self.source}, {place}, column {name}: expected a finite number, got {shown(text)}. {advice}"
                 )
         return np.array(values)
 
@@ -267,6 +277,8 @@ def _text(path: Path) -> _Table:
         raise InputError(
             f"{path.name}: expected names of columns in the first line, such as t,wx,wy,wz, got values. Add the names."
         )
+    if twice := next((name for name in names if name and names.count(name) > 1), ""):
+        raise InputError(f"{path.name}: expected columns with different names, got {twice} twice. Rename one.")
     for (number, _), row in zip(data, table, strict=True):
         if len(row) != len(names):
             raise InputError(
@@ -377,7 +389,7 @@ def _times(table: _Table, groups: list[Group], case: Case, specified: str | None
     times = increasing(table.numbers(group.columns)[:, 0], f"{table.source}, column {group.columns[0]}")
     unit, duration, reason = specified or group.unit, float(case.duration), ""
     if unit is None:
-        unit = "ms" if times[-1] > 1.5 * duration and times[-1] * 1e-3 <= duration * (1 + 1e-9) else "s"
+        unit = "ms" if LEAST < times[-1] * 1e-3 / duration <= 1 + 1e-9 else "s"
         reason = " (recognised by the case's duration)"
     sentences.append(f"column {group.columns[0]}: time, {unit}{reason}")
     return times * FACTORS[unit]

@@ -238,7 +238,7 @@ def _example_or_run(subject: str, values: dict[str, Any], asked: dict[str, Any],
     file = read(Path(subject).expanduser())
     asked |= {"orientation": file.orientation, "method": asked["method"] or file.run.method}
     asked["order"] = file.run.order if asked["order"] is None and isinstance(file.run.order, int) else asked["order"]
-    asked["dt"] = file.run.dt if asked["dt"] is None else asked["dt"]
+    asked["dt"] = file.run.dt if asked["dt"] is None else asked["dt"] / file.model.body_frame.size("time")
     return file.model, file.state
 
 

@@ -54,6 +54,7 @@ from kreisel.record.body import as_body
 from kreisel.record.calling import call
 from kreisel.record.table import require_none
 from kreisel.runs.examples import example
+from kreisel.runs.in_si import scaled
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import make_plan
 from kreisel.runs.settings import check_model
@@ -68,6 +69,8 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 DEFECT = "defect"
 MOST = 10
 ORBIT = "The constants belong to the orbit of the initial state: from another one the step is another map."
+AXES = "The state has other axes than the body: a vector of the body is R v, its orientation g R^T, with"
+COUNT = "Forces are at the time _count dt: set _count to begin at another time, and again with another dt."
 POSITIVE = ("the parameters are finite, and positive where they have to be", MESSAGES[-1])
 
 
@@ -364,16 +367,17 @@ def code(
     if name is not None and name.lower() in dialect.reserved.split():
         raise InputError(f"name: expected one that {dialect.name} and the file do not have already, got {name!r}.")
     body = body if engine is None else _along(engine, system, body, x0)
-    model: Any = system if body is None else body.model()
+    model: Any = system if body is None else body.in_si()
     _require_code(model)
-    if body is not None:
-        dt, orientation = body.dt(dt), (1.0, 0.0, 0.0, 0.0) if orientation is None else orientation
     start = model.state(**example(model.system, model.n, dict(model.params)).state) if x0 is None else x0
+    if body is not None:
+        _, start, orientation, settings, _ = scaled(body, start, orientation, {"dt": dt, "steps": 1})
+        dt, orientation = settings["dt"], _attitude(model, start) if orientation is None else orientation
     closed = model.n == 3 and any(getattr(model.system.closed_form, k) is not None for k in ("moments", "top"))
     if method is None and order is None and closed and model.system.perturbation is None:
         method = "exact"
     plan = make_plan(model, start, orientation=orientation, dt=dt, steps=1, method=method, order=order)
-    result = contents(plan, body, dialect.single)
+    result = contents(plan, dialect.single, getattr(body, "inertia", None))
     if engine is not None:
         if not _is_free(plan):
             raise InputError(f"convention: expected a free body, got {plan.model.system.name}.")
@@ -381,6 +385,16 @@ def code(
     default = "free_body" if _is_free(plan) else plan.model.system.name.replace("-", "_")
     licence = f"BSD-3-Clause, as Kreisel; made by `kreisel code`, Kreisel {importlib.metadata.version('kreisel')}."
     return assembled(replace(result, head=[*result.head, licence]), dialect, name or default)
+
+
+def _attitude(model: Any, start: Any) -> Array:
+    """An orientation g with the axis a = g e_3 or the vertical P = g^T e_3: (1 + u . v, u x v) maps u to v."""
+    e3, names = np.array([0.0, 0.0, 1.0]), model.body_frame.names
+    u, v = e3, np.ravel(start["a"])[:3] if names.get("a") == "axis" else e3
+    if names.get("P") == "up":
+        u = np.ravel(start["P"])[:3]
+    q = np.array([1 + u @ v, *np.cross(u, v)])
+    return q / np.linalg.norm(q)
 
 
 def _require_code(model: Any) -> None:
@@ -407,28 +421,30 @@ def _is_free(plan: Plan) -> bool:
     return isinstance(plan.scheme.motion, Orbits) and plan.model.system.closed_form.moments is not None
 
 
-def contents(plan: Plan, body: PhysicalBody | None = None, single: bool = False) -> Body:
-    """The contents of the file for a plan; of a body in SI units, with them.  Raises `InputError`."""
+def contents(plan: Plan, single: bool = False, inertia: Any = None) -> Body:
+    """The contents of the file for a plan; of a body, with its units, axes and tensor.  Raises `InputError`."""
     if plan.batched:
         raise InputError(
             "code: expected one body in one state, got an ensemble. A file has the step of one: write it for one lane; "
             "your program keeps an array of its states and steps each."
         )
-    model = plan.model
-    scales = {} if body is None else body.scales()
+    model, frame = plan.model, plan.model.body_frame
     if _is_free(plan):
-        moments = np.asarray(call(model.system.closed_form.moments, (), model.constants))
-        M, dt, unit, time = algebra.axial(np.asarray(plan.start["M"])), plan.dt, 1.0, 1.0
-        if body is not None:
-            unit, time = scales["M"].size, scales["time"].size
-            moments = moments * (unit * time)
-        result = free_body(moments, dt * time, M * unit, plan.start.get("g"), "SI" if body is not None else "", single)
-        tensor = np.asarray(getattr(body, "inertia", np.zeros((3, 3))))[[0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1]]
-        field = {"T": Field(6, "inertia tensor", tensor)} if tensor[3:].any() else {}
+        unit, time = frame.size("M"), frame.size("time")
+        moments = np.asarray(call(model.system.closed_form.moments, (), model.constants)) * (unit * time)
+        M = algebra.axial(np.asarray(plan.start["M"])) * unit
+        result = free_body(moments, plan.dt * time, M, plan.start.get("g"), "SI" if frame else "", single)
+        tensor = np.asarray(frame.axes * moments @ frame.axes.T if inertia is None else inertia)
+        tensor = tensor[[0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1]]
+        field = {"T": Field(6, "inertia tensor", tensor)} if frame.turned else {}
         return replace(result, parameters={**result.parameters, **field})
     result = Stepped(plan, single).body()
-    units = [f"One unit of {name} is {scale.size!r} {scale.unit}." for name, scale in scales.items()]
-    return replace(result, head=[*result.head, *units])
+    words = [f"One unit of {name} is {size!r} {unit}." for name, (unit, size) in frame.units.items()]
+    if frame.turned:
+        words += [f"{AXES} R = {frame.axes.tolist()}, by rows."]
+    if "_count" in result.state:
+        words += [COUNT]
+    return replace(result, head=[*result.head, *words])
 
 
 # -- FMU ---------------------------------------------------------------------------------------------
