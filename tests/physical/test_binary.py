@@ -217,6 +217,18 @@ def test_published_periods(name: str, hours: float, spread: float) -> None:
     assert abs(pair.spins(run)[1][:, 2] * hours * 3600 / (2 * np.pi) - 1).max() < 0.5
 
 
+@pytest.mark.parametrize(
+    ("name", "densities", "errors"),
+    [("didymos", (2.4, 2.4), (0.3, 0.3)), ("moshup", (1.97, 2.81), (0.24, 0.63)), ("pluto", (1.854, 1.702), (0.02, 0.03))],
+)  # fmt: skip
+def test_published_densities(name: str, densities: Any, errors: Any) -> None:
+    """g/cm^3 [Daly et al. 2023; Ostro et al. 2006; Nimmo et al. 2017]: of extents of 1999 KW4 it would be 1.46."""
+    pair = getattr(Binary, name)()
+    for body, density, error in zip((pair.primary, pair.secondary), densities, errors, strict=True):
+        half_axes = np.sqrt(2.5 * (body.inertia.sum() - 2 * body.inertia) / body.mass)
+        assert abs(body.mass / (4 / 3 * np.pi * half_axes.prod()) / 1000 - density) < error
+
+
 def test_nix_has_the_published_orbit() -> None:
     """Period and mean distance: by Kepler's law alone the distance would be 0.4 % less.  [Showalter, Hamilton 2015]"""
     nix = Binary.nix()

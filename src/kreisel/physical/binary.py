@@ -399,9 +399,12 @@ class Binary(Varied):
 
     @classmethod
     def moshup(cls) -> Binary:
-        """(66391) 1999 KW4, Moshup and Squannit: 2548 m, 17.42 h, the first rotates in 2.7645 h [Ostro et al. 2006]."""
-        first = GravityBody.ellipsoid(2.353e12, (1532.0, 1495.0, 1347.0))
-        second = GravityBody.ellipsoid(0.135e12, (571.0, 463.0, 349.0))
+        """(66391) 1999 KW4, Moshup and Squannit: 2548 m, 17.42 h, the first rotates in 2.7645 h [Ostro et al. 2006].
+
+        The ellipsoids have the volumes and the ratios of moments of the shapes, whose extents are up to 14 % larger.
+        """
+        first = GravityBody.ellipsoid(2.353e12, (1417.0, 1361.0, 1183.0))
+        second = GravityBody.ellipsoid(0.135e12, (595.0, 450.0, 343.0))
         return cls(first, second, start=_spinning(2548.0, 2.7645))
 
     @classmethod
