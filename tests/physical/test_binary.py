@@ -219,8 +219,12 @@ def test_published_periods(name: str, hours: float, spread: float) -> None:
 
 @pytest.mark.parametrize(
     ("name", "densities", "errors"),
-    [("didymos", (2.4, 2.4), (0.3, 0.3)), ("moshup", (1.97, 2.81), (0.24, 0.63)), ("pluto", (1.854, 1.702), (0.02, 0.03))],
-)  # fmt: skip
+    [
+        ("didymos", (2.4, 2.4), (0.3, 0.3)),
+        ("moshup", (1.97, 2.81), (0.24, 0.63)),
+        ("pluto", (1.854, 1.702), (0.02, 0.03)),
+    ],
+)
 def test_published_densities(name: str, densities: Any, errors: Any) -> None:
     """g/cm^3 [Daly et al. 2023; Ostro et al. 2006; Nimmo et al. 2017]: of extents of 1999 KW4 it would be 1.46."""
     pair = getattr(Binary, name)()

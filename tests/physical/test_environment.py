@@ -18,7 +18,17 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra import gradient
 from kreisel.bodies import BODIES, orbit as page_of_orbits
-from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Satellite, satellite as earth
+from kreisel.physical import (
+    EARTH,
+    SATURN,
+    SOLAR_PRESSURE,
+    SUN as STAR,
+    Orbit,
+    Plate,
+    Primary,
+    Satellite,
+    satellite as earth,
+)
 from kreisel.runs.geometry import environment_of
 from sizes import FULL
 from torques import torque_on
@@ -334,6 +344,22 @@ def test_there_is_no_light_in_the_shadow() -> None:
     assert (lit - dark)[2] > 4e-6
 
 
+def test_the_sun_lights_a_body_that_orbits_it() -> None:
+    """From the pericentre, 1 au, and from the apocentre, 3 au, where it has a ninth of its pressure."""
+    orbit = Orbit("2 au", 0.5, primary=STAR)
+    for t, pressure in ((0.0, 0.0), (orbit.period / 2, 1361 / 299_792_458 / 9)):
+        lit, dark = (torque_on(sail(orbit=orbit, light=p), np.eye(3), t) for p in (SOLAR_PRESSURE, 0.0))
+        assert lit - dark == pytest.approx([0, 0, pressure], rel=1e-9, abs=1e-22)
+    fixed, dark = (torque_on(sail(orbit=orbit, light=p, sun=(1, 0, 0)), np.eye(3), 0.0) for p in (SOLAR_PRESSURE, 0.0))
+    assert (fixed - dark)[2] == pytest.approx(1361 / 299_792_458)
+
+
+def test_a_primary_without_a_radius_shades_nothing() -> None:
+    around = sail(orbit=Orbit(1e4, primary=Primary("rock", 4.9e3, 0.0)), light=SOLAR_PRESSURE)
+    run = kr.simulate(around, around.state((0, 0, 1e-5)), dt="10 s", t_end="2 h", every=90)
+    assert (run.light.values == 1).all()
+
+
 def test_light_is_strongest_in_january() -> None:
     """Of the Sun at perihelion, 0.98329 au away at the longitude 283 degrees, and at aphelion, 1.01671 au."""
     tilt = np.radians(23.44)
@@ -394,6 +420,10 @@ NAMED = Orbit.circular("500 km", "97 deg")
         ),
         (lambda: Satellite(MOMENTS, DATED, air="exponential", density=1e-12), "no density with it, got both"),
         (lambda: Satellite(MOMENTS, DATED, eclipse=2), "eclipse: expected True or False, got 2"),
+        (
+            lambda: Satellite(MOMENTS, Orbit(1e12, primary=STAR), eclipse=True),
+            "eclipse=True: expected another primary than the Sun",
+        ),
         (
             lambda: Satellite(MOMENTS, Orbit(1e8, primary=SATURN, epoch=DATE), magnetic_field="igrf"),
             "magnetic_field='igrf': expected an orbit of the Earth, got one of the primary Saturn",

@@ -682,6 +682,16 @@ def test_resonant_angle_and_obliquity() -> None:
     assert outside.max() - outside.min() > 6
 
 
+def test_the_resonant_angle_on_an_orbit_that_j2_rotates() -> None:
+    """Of an axis that points up it is the equation of the centre, f - M, at most 2 e + 11 e^3/48, in each orbit."""
+    orbit = Orbit(8e6, 0.1, 0.5, 0.3, 0.7, mean_anomaly=0.4, J2=True)
+    moon = Satellite((1.0, 2.0, 2.5), orbit)
+    run = kr.simulate(moon, moon.state(), dt="20 s", t_end="10 d", every=100)
+    up = np.array([algebra.unit_quaternion(orbit.frame(t)) for t in run.time.values])
+    angle = moon.resonant_angle(run.assign(attitude=(run.attitude.dims, up)), 1.0)
+    assert 0.199 < angle.max() < 0.2005 and -0.2005 < angle.min() < -0.199
+
+
 def test_the_name_of_a_body_is_taken() -> None:
     own = kr.perturbed(kr.EulerTop(J=(1, 2, 3)), torque=lambda M: -0.1 * M, name="satellite")
     with pytest.raises(kr.InputError, match="no body of Kreisel has"):

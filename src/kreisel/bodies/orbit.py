@@ -31,7 +31,7 @@ which has no angle of the place and is regular at the poles.  [S. Pines, AIAA Jo
 
     Sun      sun cos l + sun_ahead sin l,   l = L + n t + C_1 sin M + C_2 sin 2M,   M = M_0 + m t
              solar = (L, n, M_0, m, C_1, C_2, a, b, k),   1/distance = (1 + a cos l + b sin l)/(1 - k) in au
-             [Meeus, Astronomical Algorithms, 1998, chapter 25]
+             [Meeus, Astronomical Algorithms, 1998, chapter 25];  -r/|r| around the Sun, heliocentric = 1
     light    1 - (part of the Sun's disc behind the primary, a sphere): two circles on the sky
     air      between the rows (height, density by night, density in the bulge) of a table the logarithms are linear;
              night + (bulge - night) cos^n(psi/2), psi the angle from the bulge, which follows the Sun 30 degrees later
@@ -47,7 +47,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel.algebra import sqrt, vec
+from kreisel.algebra import maximum, sqrt, vec
 from kreisel.algebra.gradient import cos, exp, log, sin, with_slope
 from kreisel.algebra.invariants import cross, inner
 from kreisel.errors import InputError, shown
@@ -160,6 +160,13 @@ def _in_space(x, y, orbit, angle):
     return vec(cos(angle)) * (p * EQUATOR) + vec(sin(angle)) * (p @ TURN) + p * POLE
 
 
+def axes(t, orbit):
+    """To the pericentre, ahead of it and the normal at t (...), as columns (..., 3, 3)."""
+    node, perigee = orbit[4] * t, orbit[5] * t
+    P, Q = (_in_space(x, y, orbit, node) for x, y in (_turned(1, 0, perigee), _turned(0, 1, perigee)))
+    return np.stack([P, Q, np.cross(P, Q)], -1)
+
+
 def of_elements(*, semi_major_axis, eccentricity, inclination, node, perigee, mean_anomaly, mu, radius, J2):
     """The orbit for `place`: M', M_0, e, a, node', perigee', P, Q as one vector (..., 12)."""
     (ci, si), (cn, sn), (cp, sp) = ((np.cos(x), np.sin(x)) for x in (inclination, node, perigee))
@@ -209,6 +216,7 @@ check_positive = expected(lambda x: x > 0, "a number > 0")
 check_not_negative = expected(lambda x: x >= 0, "a number >= 0")
 check_eccentricity = expected(lambda x: (x >= 0) & (x < 1), "an ellipse, 0 <= e < 1")
 EARTH = 3.986004418e14  # mu, m^3/s^2, WGS 84
+ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
 ORBIT = (
     Parameter("semi_major_axis", "scalar", "of the orbit, m", check_positive),
     Parameter("eccentricity", "scalar", "of the orbit", check_eccentricity, 0.0),
@@ -399,14 +407,14 @@ class Around(NamedTuple):
     stream: Any  # velocity in it, m/s
 
 
-def around(
-    r, v, t, *, radius, gauss, reference_radius, meridian, sun, sun_ahead, solar, eclipse, disc, air_rate, **air
-):
+def around(r, v, t, *, radius, gauss, reference_radius, meridian, heliocentric, eclipse, disc, air_rate, **others):
     """The environment at the place r, with the velocity v, at the time t."""
-    s, near = sunlight(t, sun=sun, sun_ahead=sun_ahead, solar=solar)
+    s, near = sunlight(t, **{name: others.pop(name) for name in ("sun", "sun_ahead", "solar")})
+    inward, outside = heliocentric / sqrt(inner(r, r)), 1 - heliocentric
+    s, near = outside * s - inward * r, outside * near + ASTRONOMICAL_UNIT * inward
     B = field(r, t, gauss=gauss, reference_radius=reference_radius, meridian=meridian)
-    seen = light(r, s, near, eclipse=eclipse, shadow=radius, disc=disc)
-    density = density_of_air(r, s, radius=radius, **air)
+    seen = light(r, s, near, eclipse=eclipse, shadow=maximum(radius, 1.0), disc=disc)  # NaN for 0 m
+    density = density_of_air(r, s, radius=radius, **others)
     return Around(B, s, near, seen, density, through_air(r, v, air_rate=air_rate))
 
 
@@ -438,8 +446,9 @@ SUN = (
     Parameter("sun", "vector", "direction of the Sun in space, of length 1", check_direction, np.eye(3)[0]),
     Parameter("sun_ahead", "vector", "direction of the Sun a quarter of its circle after `sun`", default=np.zeros(3)),
     Parameter("solar", "array", "motion of the Sun: L, n, M_0, m, C_1, C_2, a, b, k", check_solar, np.zeros(9), rank=1),
+    Parameter("heliocentric", "scalar", "1 if the primary is the Sun, else 0", default=0.0),
     Parameter("eclipse", "scalar", "1 for the shadow of the primary, 0 for none", default=0.0),
-    Parameter("disc", "scalar", "sine of the radius of the Sun's disc at 1 au", default=695_700e3 / 149_597_870_700.0),
+    Parameter("disc", "scalar", "sine of the radius of the Sun's disc at 1 au", default=695_700e3 / ASTRONOMICAL_UNIT),
 )
 NO_AIR = [[0.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
 AIR = (

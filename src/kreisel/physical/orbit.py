@@ -51,7 +51,7 @@ EARTH = Primary(
     "Earth", formulas.EARTH, 6_378_137.0, -29_350.0e-9 * 6_371_200.0**3, 1.08262998905e-3, 1 / 298.257223563, True
 )
 SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7, 21_136.0e-9 * 60_268_000.0**3, 16_290.57e-6 * (60_330 / 60_268) ** 2)
-ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
+ASTRONOMICAL_UNIT = formulas.ASTRONOMICAL_UNIT
 SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
 
@@ -350,8 +350,11 @@ class Orbit:
     @property
     def axes(self) -> Array:
         """At t = 0: to the pericentre, ahead of it, and the normal of the orbit, as columns (3, 3)."""
-        P, Q = self._constants[6:9], self._constants[9:12]
-        return np.stack([P, Q, np.cross(P, Q)], -1)
+        return self.axes_at(0.0)
+
+    def axes_at(self, time: Any) -> Array:
+        """These axes of the mean ellipse at times (...), s, as columns (..., 3, 3): J2 rotates them."""
+        return formulas.axes(finite_floats(time, "s", "time"), self._constants)
 
     def at(self, time: Any) -> tuple[Array, Array]:
         """Position, m, and velocity, m/s, at times in s (...): each (..., 3), in space."""

@@ -50,6 +50,7 @@ TURNS_A_DAY = 1.00273781191135448  # of the Earth against the stars, IERS Conven
 ROTATION = 2 * np.pi * TURNS_A_DAY / DAY  # rad/s
 PRECESSION = 5028.796195 / 3600  # degrees a century along the ecliptic, IAU 2006
 FIELDS = ("igrf", "dipole", "tilted-dipole")
+SAME_SUN = 1e-3  # relative: mu of the Sun in tables
 
 
 @explained
@@ -95,8 +96,8 @@ class Satellite(Forced):
     air            instead of a density "exponential" or "harris-priester" air, which rotates with the Earth
     light          the pressure of sunlight at 1 au, N/m^2 (`SOLAR_PRESSURE`)
     sun            "ephemeris", the Sun at its date; or its direction in space.  Default: the Sun at its date if the
-                   orbit of the Earth has an epoch, else the first axis of space
-    eclipse        whether the primary shades the light; default: if the Sun moves
+                   orbit of the Earth has an epoch, the primary if that is the Sun, else the first axis of space
+    eclipse        whether the primary, if it is not the Sun, shades the light; default: if the Sun moves
     magnetic_field   "igrf", IGRF-14 to that `degree`; "tilted-dipole", its first degree; "dipole", of the primary along
                    its axis.  Default: "igrf" if the orbit of the Earth has an epoch, else "dipole"
     mirror, diffuse   fractions of the light that are reflected and scattered
@@ -280,11 +281,11 @@ class Satellite(Forced):
         In the plane of the orbit; M its mean anomaly, ratio of spin to orbit: 1.5 for Mercury.  It librates in the
         resonance and circulates outside.  An axis has no front, so for half-integers 0 and pi are alike.
         """
-        along, across = self.orbit.axes[:, :2].T
-        axis = self._axis(run, 0)
-        time, ratio = _times(run, axis.ndim - 1), si_number(ratio, "1", "ratio")
-        turned = in_range("ratio M", lambda: ratio * (self.orbit.mean_anomaly + self.orbit.mean_motion * time))
-        angle = np.arctan2(axis @ across, axis @ along) - turned
+        axis, ratio = self._axis(run, 0), si_number(ratio, "1", "ratio")
+        time = _times(run, axis.ndim - 1)
+        along, across = np.moveaxis(self.orbit.axes_at(time)[..., :2], -1, 0)
+        turned = in_range("ratio M", lambda: ratio * (self.orbit.mean_anomaly + self.orbit.rates.mean_anomaly * time))
+        angle = np.arctan2(algebra.dot(axis, across), algebra.dot(axis, along)) - turned
         return np.asarray(np.angle(np.exp(1j * angle)))
 
     @property
@@ -491,6 +492,10 @@ def surroundings_of(body: Satellite) -> dict[str, Any]:
         out = {"field": 0.0, "gauss": gauss, "meridian": meridian(orbit.days)}
     if eclipse is not None and not isinstance(eclipse, bool):
         raise InputError(f"eclipse: expected True or False, got {shown(eclipse)}.")
+    if abs(orbit.primary.mu / SUN.mu - 1) < SAME_SUN:
+        if eclipse:
+            raise InputError("eclipse=True: expected another primary than the Sun, which does not shade its light.")
+        out["heliocentric"] = float(sun is None)
     moves = dated if sun is None else isinstance(sun, str)
     out["eclipse"] = float(moves if eclipse is None else eclipse)
     if moves:
