@@ -100,7 +100,7 @@ def test_singularities_and_their_orbits(name: str, orbit: str, confined: int) ->
     found = {str(s): s.confined for s in singularities(of_name(name))}
     (text,) = (text for text in found if text.startswith(orbit))
     assert found[text] == confined
-    assert text.endswith("not confined") == (confined == 0)
+    assert text.endswith("not confined in 12 steps") == (confined == 0)
 
 
 def test_singularities_of_a_map_whose_constants_have_names() -> None:

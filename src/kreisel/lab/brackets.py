@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,16 @@ def jacobians(subject: Subject, p: int, seed: list[int], points: int) -> tuple[A
     return residues_at(x, points, p), residues_at(new, points, p), residues_at(J, points, p)
 
 
+def require_invertible(subject: Subject, seed: int = 0) -> None:
+    """Raises `InputError` for a rational map of free coordinates whose Jacobian determinant vanishes."""
+    if subject.implicit or subject.start is not None:
+        return
+    p = PRIMES[0]
+    _, _, (J,) = without_poles(subject.name, lambda attempt: jacobians(subject, p, [seed, attempt], 1))
+    if modular.rank(J, p) < subject.dim:
+        raise InputError(f"The Jacobian determinant of {subject.name} vanishes: the map is not invertible.")
+
+
 def defect(subject: Subject, tensor: Callable[[Array], Array], seed: int = 0) -> float:
     """The `difference` of J Pi(x) J^T and Pi(f(x)), for tensor(x) -> Pi (d, d), at 20 points."""
 
@@ -93,13 +104,28 @@ def brackets(subject: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]
         entries = {
             pair: Polynomial({e: c for (q, e), c in terms.items() if q == pair}, subject.names) for pair in pairs
         }
-        # sum over the cyclic (i, j, k) of Pi_il d_l Pi_jk, at a random point modulo a prime
-        value = residues_at(tensor_of(entries, at), 1, p)[0].astype(object)
-        slope = residues_at(slopes(tensor_of(entries, independent(at)), subject.dim), 1, p)[0].astype(object)
-        total = np.einsum("il,jkl->ijk", value, slope)
-        cyclic = total + total.transpose(1, 2, 0) + total.transpose(2, 0, 1)
-        bivectors.append(Bivector(entries, subject.names, not (cyclic % p).any()))
+        bivectors.append(Bivector(entries, subject.names, is_poisson(partial(tensor_of, entries), at)))
     return bivectors
+
+
+def is_poisson(tensor: Callable[[Array], Array], x: Array) -> bool:
+    """Whether Pi + Pi^T = 0 and sum over the cyclic (i, j, k) of Pi_il d_l Pi_jk = 0 at a point x of residues."""
+    p = x[0].p
+    value, moving = (np.asarray(tensor(z), dtype=object) for z in (x, independent(x)))
+    value = residues_at(value, 1, p)[0].astype(object)
+    slope = residues_at(slopes(moving, len(x)), 1, p)[0].astype(object)
+    total = np.einsum("il,jkl->ijk", value, slope)
+    cyclic = total + total.transpose(1, 2, 0) + total.transpose(2, 0, 1)
+    return not (cyclic % p).any() and not ((value + value.T) % p).any()
+
+
+def obeys_jacobi(subject: Subject, tensor: Callable[[Array], Array], seed: int = 0) -> bool:
+    """Whether tensor(x) is antisymmetric and obeys Jacobi's identity, at a random point modulo a prime."""
+
+    def at(attempt: int) -> bool:
+        return is_poisson(tensor, subject.point(random_residues(np.random.default_rng([seed, attempt]), PRIMES[0], 1)))
+
+    return without_poles(f"The bracket of {subject.name}", at)
 
 
 @explained
@@ -249,9 +275,8 @@ def lax(
 
     def spectra(x: Array, step: Any, constants: dict[str, Any]) -> list[Array]:
         matrices = (residues_at(at(subject.lax, z, x, constants), POINTS, x[0].p) for z in (x, step(x)))
-        return [
-            np.array([modular.matrix(L, x[0].p).charpoly().coeffs() for L in L_of_z], object) for L_of_z in matrices
-        ]
+        polynomials = ([modular.matrix(L, x[0].p).charpoly() for L in L_of_z] for L_of_z in matrices)
+        return [np.array([[*map(int, f.coeffs())] for f in several], object) for several in polynomials]
 
     equation = isospectral = None
     if not subject.implicit:

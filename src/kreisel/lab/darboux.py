@@ -59,20 +59,13 @@ def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
     Raises `InputError` for maps that are not rational, and if there are too many cofactors to try.
     """
     within(degree, "degree", 1, 100)
-    factors, jacobian, most = _factors(subject)
+    factors, jacobian, most, poles = _factors(subject)
     polynomials: list[Polynomial] = []
     cofactors: list[Cofactor] = []
     for d in range(1, degree + 1):
         exponents = list(monomials(subject.dim, d))
         data = {p: _points(subject, factors, p, 3 * len(exponents) + SPARE, seed) for p in PRIMES}
-        limit = d * (most - 1)  # powers of the factors, not more than the degrees of both sides allow
-        ranges = [range(-d, limit // max(1, f.degree) + 1) for f in factors]
-        candidates = [
-            powers
-            for powers in itertools.islice(itertools.product(*ranges), 200_000)
-            if -d * most <= sum(f.degree * k for f, k in zip(factors, powers, strict=True)) <= limit
-        ]
-        for powers in sorted(candidates, key=lambda powers: sum(map(abs, powers)))[:MOST_COFACTORS]:
+        for powers in _powers(factors, poles, most, d):
             for c in _numbers(data[PRIMES[0]], powers, exponents):
                 products = _products(polynomials, cofactors, (c, powers), exponents)
                 for terms in _of_cofactor(data, (c, powers), exponents, products):
@@ -82,8 +75,25 @@ def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
     return Darboux(tuple(polynomials), tuple(cofactors), tuple(factors), conserved, densities)
 
 
-def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int]:
-    """Factors of det f' and of the denominators of f, det f' itself, and the degree of the map."""
+def _powers(factors: list[Polynomial], poles: Powers, most: int, d: int) -> list[Powers]:
+    """Powers k of the factors that P(f(x)) / P(x) of degree d may have, the smallest first.
+
+    P(f(x)) = N / D^d, D the common denominator, with the factors to the powers `poles`: a factor of N and of P counts.
+    """
+    sizes = [f.degree for f in factors]
+    least = [-d * e - d // size for e, size in zip(poles, sizes, strict=True)]
+    ranges = [range(k, d * most // size - d * e + 1) for k, e, size in zip(least, poles, sizes, strict=True)]
+    lowest = -d * (1 + sum(e * size for e, size in zip(poles, sizes, strict=True)))
+    candidates = (
+        powers
+        for powers in itertools.islice(itertools.product(*ranges), 200_000)
+        if lowest <= sum(size * k for size, k in zip(sizes, powers, strict=True)) <= lowest + d * most
+    )
+    return sorted(candidates, key=lambda powers: sum(map(abs, powers)))[:MOST_COFACTORS]
+
+
+def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int, Powers]:
+    """Factors of det f' and of the denominators of f; det f', the degree of the map, powers in the denominator."""
     if subject.implicit or subject.start is not None:
         raise InputError(f"{subject.name}: Darboux polynomials need a rational map of free coordinates.")
     x = generators(subject.names)
@@ -106,7 +116,9 @@ def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int]:
         common = common * (v.d // common.gcd(v.d))
     degree = max(common.total_degree(), *((v.n * (common // v.d)).total_degree() for v in values))
     factors = [Polynomial(integrals.terms_of(f), subject.names) for f, _ in powers_of.values()]
-    return factors, (c, tuple(k for _, k in powers_of.values())), degree
+    poles = {str(f): k for f, k in common.factor()[1]}
+    powers = tuple(k for _, k in powers_of.values())
+    return factors, (c, powers), degree, tuple(poles.get(f, 0) for f in powers_of)
 
 
 def jacobian_factors(subject: Subject) -> list[Polynomial]:

@@ -23,7 +23,8 @@ from kreisel.graph.graph import Graph, TooLong
 from kreisel.kernels.adjoint import Code, recorded
 from kreisel.lab.subject import Subject, float_start
 
-EVERY = 10  # steps between two orthogonalizations
+EVERY = (10, 3, 1)  # steps between two orthogonalizations: fewer if the vectors come too close in them
+RESOLVED = 23.0  # logarithm of the ratio of lengths that a QR decomposition resolves to 1e-6
 PARTS = 10  # of an orbit, for the uncertainty of an exponent
 ALIGNED = 1e-12  # SALI below which two vectors are one, but for rounding
 CLEAR = 5.0  # exponents above CLEAR log(T)/T do not belong to a regular orbit
@@ -197,29 +198,48 @@ def dynamics(
         raise InputError(f"steps must be {100 * PARTS} or more, got {steps}.")
     x = float_start(subject, seed) if x is None else np.asarray(x, dtype=np.float64)
     frame = tangents(subject, x, count, seed)
-    k = len(frame)
     apart = tangents(subject, x, None if count is None else max(2, count), seed + 1)  # these are only scaled
-    orbit = CompiledOrbit(subject, x, np.concatenate([frame, apart]))
-    logs, sali, reached = [], 2.0, 0
+    vectors = np.concatenate([frame, apart])
+    for every in EVERY:
+        logs, free, sali, reached = _stretched(CompiledOrbit(subject, x, vectors), len(frame), steps, every)
+        if np.ptp(logs[-1]) <= RESOLVED:
+            break
     gali = np.full(max(0, len(apart) - 1), np.nan)
-    for done in range(EVERY, steps + 1, EVERY):
-        orbit.advance(EVERY)
+    for j in range(2, len(apart) + 1):
+        gali[j - 2] = float(np.prod(np.linalg.svd(free[:j], compute_uv=False)))
+    logs = logs[len(logs) // 10 :]  # the vectors rotate into place first
+    rates = np.array([rows.sum(0) / (every * len(rows)) for rows in np.array_split(logs, PARTS)])
+    exponents = logs.sum(0) / (every * len(logs))
+    order = np.argsort(-exponents, kind="stable")
+    errors = rates.std(0, ddof=1) / math.sqrt(PARTS)
+    return Dynamics(x, steps, exponents[order], errors[order], sali, reached, gali)
+
+
+def _stretched(orbit: CompiledOrbit, k: int, steps: int, every: int) -> tuple[Array, Array, float, int]:
+    """Logarithms (times, k) of the lengths of k vectors, orthogonalized each time; the others; SALI and its step.
+
+    Ends early if an orthogonalization lost the shortest vector.
+    """
+    logs, free, sali, reached = [], orbit.vectors[k:], 2.0, 0
+    for done in range(every, steps + 1, every):
+        orbit.advance(every)
+        lengths = np.linalg.norm(orbit.vectors, axis=1)
+        if not (np.isfinite(lengths).all() and lengths.all()):
+            raise RunError(
+                f"Tangent vectors along the orbit of {orbit.subject.name} vanish or overflow at step {done}. Usual "
+                "cause: it ends at a point where the derivative is 0, or comes close to a pole. Choose another start."
+            )
         Q, R = np.linalg.qr(orbit.vectors[:k].T)
         logs.append(np.log(np.abs(np.diag(R)) + 1e-300))
-        free = orbit.vectors[k:] / np.linalg.norm(orbit.vectors[k:], axis=1)[:, None]
+        if every > EVERY[-1] and np.ptp(logs[-1]) > RESOLVED:  # the shortest vectors are rounding errors
+            break
+        free = orbit.vectors[k:] / lengths[k:, None]
         if len(free) > 1:
             near = min(np.linalg.norm(free[0] + free[1]), np.linalg.norm(free[0] - free[1]))
             if near < sali:
                 sali, reached = float(near), done
         orbit.vectors = np.concatenate([Q.T, free])
-    for j in range(2, len(apart) + 1):
-        gali[j - 2] = float(np.prod(np.linalg.svd(free[:j], compute_uv=False)))
-    logs_ = np.array(logs)[len(logs) // 10 :]  # the vectors rotate into place first
-    rates = np.array([rows.sum(0) / (EVERY * len(rows)) for rows in np.array_split(logs_, PARTS)])
-    exponents = logs_.sum(0) / (EVERY * len(logs_))
-    order = np.argsort(-exponents, kind="stable")
-    errors = rates.std(0, ddof=1) / math.sqrt(PARTS)
-    return Dynamics(x, steps, exponents[order], errors[order], sali, reached, gali)
+    return np.array(logs), free, sali, reached
 
 
 def several(subject: Subject, steps: int, orbits: int, seed: int = 0) -> tuple[list[Dynamics], str]:

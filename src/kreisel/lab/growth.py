@@ -10,6 +10,7 @@ Papageorgiou, Phys. Rev. Lett. 67 (1991)]
 
 from __future__ import annotations
 
+import itertools
 import math
 from contextlib import suppress
 from dataclasses import dataclass
@@ -172,8 +173,8 @@ def fitted_growth(d: tuple[int, ...]) -> Growth:
             power, entropy = _roots(recurrence)
             return Growth(d, recurrence, after, power, entropy, 0.0)
     late = [math.log(b / a) for a, b in zip(d[len(d) // 2 :], d[len(d) // 2 + 1 :], strict=False) if a > 0 and b > 0]
-    if not late:
-        return Growth(d, None, 0, None, math.nan, math.inf)
+    if len(late) < 2:
+        return Growth(d, None, 0, None, late[-1] if late else math.nan, math.inf)
     return Growth(d, None, 0, None, late[-1], max(late) - min(late) + abs(late[-1] - late[0]))
 
 
@@ -372,7 +373,7 @@ class Series(Field):
 
 @dataclass(frozen=True)
 class Singularity:
-    """A contracted curve, the limits of its iterates, and after how many it is a curve again (0: not in those).
+    """A contracted curve, the limits of its iterates, and after how many it is a curve again (0: not in `steps`).
 
     pattern    the limits of x, x', x'', ...: a number, oo, c for an algebraic one, * where it depends on the point
     """
@@ -380,15 +381,19 @@ class Singularity:
     curve: Polynomial
     pattern: tuple[tuple[str, ...], ...]
     confined: int
+    steps: int
 
     def __str__(self) -> str:
         orbit = " -> ".join(f"({', '.join(point)})" for point in self.pattern)
-        return f"{self.curve} = 0: {orbit}" + ("" if self.confined else " -> ..., not confined")
+        return f"{self.curve} = 0: {orbit}" + ("" if self.confined else f" -> ..., not confined in {self.steps} steps")
 
 
 @explained
 def singularities(subject: Subject, steps: int = 12, seed: int = 0) -> list[Singularity]:
-    """The curves that a map of the plane contracts, with their orbits.  Raises `InputError` for other maps."""
+    """The curves that a map of the plane contracts to a point of P^1 x P^1, with their orbits.
+
+    Raises `InputError` for other maps, and for a curve without points modulo many primes.
+    """
     if subject.dim != 2:
         raise InputError(f"Singularities are followed in the plane, got {subject.dim} coordinates.")
     followed = (_followed(subject, f, steps, seed) for f in jacobian_factors(subject))
@@ -396,11 +401,10 @@ def singularities(subject: Subject, steps: int = 12, seed: int = 0) -> list[Sing
 
 
 def _followed(subject: Subject, curve: Polynomial, steps: int, seed: int) -> Singularity | None:
-    p, step = PRIMES[0], subject.over(PRIMES[0])
-    rng, orbits = np.random.default_rng([seed, 29]), []
-    for start in [_on_curve(curve, p, rng) for _ in range(2)]:
-        if start is None:
-            return None
+    rng = np.random.default_rng([seed, 29])
+    p, starts = _on_curve(curve, rng)
+    step, orbits = subject.over(p), []
+    for start in starts:
         slope = [int(v) for v in rng.integers(1, p, 2)]
         x = objects(Series(0, [a, b, *[0] * (TERMS - 2)], p) for a, b in zip(start, slope, strict=True))
         orbits.append([[s.limit for s in x]])
@@ -415,25 +419,35 @@ def _followed(subject: Subject, curve: Polynomial, steps: int, seed: int) -> Sin
         q = reconstructed(x, p)
         return str(q) if q is not None and max(abs(q.numerator), q.denominator) < LARGEST else OTHER
 
-    points = [tuple(map(shown, *pair)) for pair in zip(*orbits, strict=False)]
+    def compared(pair: tuple[list[list[int | None]], ...]) -> list[tuple[str, ...]]:
+        return [tuple(map(shown, *limits)) for limits in zip(*pair, strict=False)]
+
+    # x^2 = 2 y^2 are two lines, each contracted to another point: of more points than lines two are on one
+    points = min(map(compared, itertools.combinations(orbits, 2)), key=lambda points: str(points).count(FREE))
     free = [FREE in point for point in points]
     if all(free[:2]):
         return None  # not contracted
     again = next((k for k in range(2, len(free)) if free[k] and not free[k - 1]), 0)
-    return Singularity(curve, tuple(points[: (again or 6) + 1]), again)
+    return Singularity(curve, tuple(points[: (again or 6) + 1]), again, len(points) - 1)
 
 
-def _on_curve(curve: Polynomial, p: int, rng: np.random.Generator) -> list[int] | None:
-    """A point of it modulo p."""
+def _on_curve(curve: Polynomial, rng: np.random.Generator) -> tuple[int, list[list[int]]]:
+    """A prime and points of the curve modulo it, more than its degree: an irreducible curve may have none for some."""
     flint = require_flint()
-    for _ in range(60):
-        drawn, place = int(rng.integers(1, p)), int(any(e[1] for e in curve.terms))
-        coefficients: dict[int, int] = {}
-        for e, c in curve.terms.items():
-            term = residue(c, p) * pow(drawn, e[1 - place], p)
-            coefficients[e[place]] = (coefficients.get(e[place], 0) + term) % p
-        polynomial = flint.nmod_poly([coefficients.get(k, 0) for k in range(max(coefficients) + 1)], p)
-        if roots := polynomial.roots():
-            root = int(roots[0][0])
-            return [drawn, root] if place else [root, drawn]
-    return None
+    place = int(any(e[1] for e in curve.terms))
+    further = (p for p in range(2**29 + 1, 2**29 + 4000, 2) if flint.fmpz(p).is_prime())
+    for p in itertools.chain(PRIMES, further):
+        points = []
+        for _ in range(60):
+            drawn = int(rng.integers(1, p))
+            coefficients: dict[int, int] = {}
+            for e, c in curve.terms.items():
+                term = residue(c, p) * pow(drawn, e[1 - place], p)
+                coefficients[e[place]] = (coefficients.get(e[place], 0) + term) % p
+            polynomial = flint.nmod_poly([coefficients.get(k, 0) for k in range(max(coefficients) + 1)], p)
+            if roots := polynomial.roots():
+                root = int(roots[0][0])
+                points.append([drawn, root] if place else [root, drawn])
+            if len(points) > curve.degree:
+                return p, points
+    raise InputError(f"The curve {curve} = 0 has no points modulo many primes: it was not followed.")

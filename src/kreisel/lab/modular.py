@@ -125,11 +125,11 @@ def residues(x: Array, p: int) -> Array:
 
 
 def residues_at(x: Array, points: int, p: int) -> Array:
-    """An array of values, each of residues at `points` points, as 64-bit integers (points, ...)."""
+    """An array of values, each of residues at `points` points or a rational, as 64-bit integers (points, ...)."""
     out = np.zeros((points, *x.shape), dtype=np.int64)
     for place in np.ndindex(x.shape):
         v = x[place]
-        out[(slice(None), *place)] = v.v if isinstance(v, Mod) else int(v) % p
+        out[(slice(None), *place)] = v.v if isinstance(v, Mod) else residue(v, p)
     return out
 
 

@@ -28,13 +28,13 @@ from kreisel.lab.subject import CLOSE, Subject, difference, differential, float_
 MONOMIALS = 400  # of the integral finder, as a rule
 UNKNOWNS = 150  # of the search for brackets and volumes
 ITERATES, FEWER = 9, 6  # with up to 6 coordinates, and beyond
-MORE, GREAT = (14, 20, 28), 400  # where no recurrence is found and the degrees stay below
+MORE, GREAT = (14, 20, 28), 400  # if no recurrence is found, or d coordinates may delay it, and degrees stay below
 PERIODS = 24
 DARBOUX = {2: (2, 4), 3: (2, 4), 4: (2,)}  # number of coordinates -> degrees
 QUOTIENTS = {2: 4, 3: 2}
 ORBITS = 3
 TIME, COUNTS = 0.5, (64, 128, 256, 512)  # for the order
-LARGEST = 8  # coordinates of maps of which Hirota-Kimura bases are looked for
+LARGEST, BASES = 8, 60  # coordinates of maps, and monomials beyond degree 2, of which Hirota-Kimura bases are sought
 
 
 class Clues:
@@ -191,6 +191,8 @@ Answer = tuple[str, str]  # with its evidence
 def _poisson(c: Clues) -> Answer:
     subject, tensor, casimirs = c.subject, c.subject.tensor, c.subject.casimirs
     why = "no bracket is stated"
+    if tensor is not None and subject.model is None and not brackets.obeys_jacobi(subject, tensor, c.seed):
+        tensor, why = None, "the bracket given with it is not antisymmetric, or violates Jacobi's identity"
     if tensor is not None:
         off = brackets.defect(subject, tensor, c.seed)
         if off < CLOSE:
@@ -243,6 +245,7 @@ def _period(c: Clues) -> Answer:
     c.period = max(returns) if all(returns) else 0
     if c.period:
         return str(c.period), f"step^{c.period} = 1 at random points modulo two primes"
+    brackets.require_invertible(c.subject, c.seed)
     steps = np.diff(orbits[0][:5], axis=0) % PRIMES[0]  # (steps, d, lanes)
     same = [i for i in range(c.subject.dim) if (steps[:, i] == steps[0, i, 0]).all() and steps[0, i, 0]]
     c.clock = c.subject.names[same[0]] if same else ""
@@ -306,11 +309,15 @@ def _order(c: Clues) -> Answer:
 def _growth(c: Clues) -> Answer:
     if not c.rational:
         return "does not apply", c.subject.implicit
-    for iterates in sorted({c.iterates, *(() if c.fixed_iterates else MORE)}):
+    further = () if c.fixed_iterates else (*MORE, 2 * c.subject.dim + 1)
+    for iterates in sorted({c.iterates, *further}):
         growing = c.growth = growth.growth(c.subject, max(iterates, c.iterates), c.seed)
-        if growing.recurrence is not None or len(growing.degrees) <= iterates or growing.degrees[-1] > GREAT:
+        settled = growing.recurrence is not None and iterates > 2 * c.subject.dim  # d steps may move a coordinate each
+        if settled or len(growing.degrees) <= iterates or growing.degrees[-1] > GREAT:
             break
-    if growing.recurrence is None:
+    if growing.recurrence is None and math.isinf(growing.uncertainty):
+        answer = "too few degrees"
+    elif growing.recurrence is None:
         answer = f"entropy {growing.entropy:.2g} ± {growing.uncertainty:.1g}"
     elif growing.power is None:
         answer = f"exponential, entropy {growing.entropy:.6g}"
@@ -329,8 +336,8 @@ def _singularities(c: Clues) -> Answer:
         return "unknown", str(error)
     if not curves:
         return "none", "no curve is contracted"
-    answer = "confined" if all(s.confined for s in curves) else "not all confined"
-    return answer, "; ".join(map(str, curves))
+    steps = min((s.steps for s in curves if not s.confined), default=0)
+    return f"not all confined in {steps} steps" if steps else "confined", "; ".join(map(str, curves))
 
 
 def _integrals(c: Clues) -> Answer:
@@ -358,10 +365,13 @@ def _integrals(c: Clues) -> Answer:
     if not filled(c) and subject.dim in QUOTIENTS:
         add(integrals.integrals(subject, QUOTIENTS[subject.dim], quotients=True, seed=c.seed))
     # Hirota-Kimura bases if integrals are too few, and the degrees may not grow
-    if not filled(c) and not (c.growth is not None and c.growth.exponential) and subject.dim <= LARGEST:
+    slow = not (c.growth is not None and c.growth.exponential) and subject.dim <= LARGEST
+    for degree in range(2, 10) if slow else ():
+        if filled(c) or (degree > 2 and math.comb(subject.dim + degree, degree) > BASES):
+            break
         with suppress(InputError):
-            hirota_kimura = bases(subject, 2, c.seed)
-            c.bases = hirota_kimura if hirota_kimura.integrals > len(c.integrals) else None
+            hirota_kimura = bases(subject, degree, c.seed)
+            c.bases = hirota_kimura if hirota_kimura.integrals > c.independent else c.bases
     of_record = sum(isinstance(f, integrals.Stated) for f in c.integrals)
     count = f"{len(c.integrals) - of_record} of degree {c.degree} or less"
     count += f", {of_record} stated" if of_record else ""
@@ -370,7 +380,7 @@ def _integrals(c: Clues) -> Answer:
         count += "in involution" if c.ranks.involution else "not all in involution"
     answers = [count] if c.integrals else []
     texts = (text if len(text) < 160 else text[:150] + " ..." for text in map(str, c.integrals))
-    shown = ["; ".join(texts) or f"none of degree {c.degree} or less"]
+    shown = ["; ".join(texts) or f"no polynomial of degree {c.degree} or less"]
     if c.bases is not None:
         answers.append(f"{c.bases.integrals} as coefficients")
         shown.append(f"Hirota-Kimura bases, {c.bases}")
