@@ -180,6 +180,25 @@ def test_a_pair_is_a_poisson_map_wherever_its_point_is(name: str) -> None:
     assert defect(lam, mu + 0.1) > 1e-6
 
 
+def test_only_the_flow_and_maps_with_fixed_points_are_poisson_as_functions_of_the_start() -> None:
+    def tensor(z: np.ndarray) -> np.ndarray:  # {M_i, M_j} = eps_ijk M_k, {M_i, P_j} = eps_ijk P_k
+        eps = np.cross(np.eye(3)[:, None], np.eye(3))
+        return np.block([[eps @ z[:3], eps @ z[3:]], [eps @ z[3:], np.zeros((3, 3))]])
+
+    def defect(model: Any, method: str, order: int | None) -> float:
+        body = kr.propagator(model, method=method, order=order, dt=0.2, project=False)
+        near, far = (body.steps(z + k * h * np.eye(6), 1) - body.steps(z - k * h * np.eye(6), 1) for k in (1, 2))
+        J = (8 * near - far).T / (12 * h)
+        return float(abs(J @ tensor(z) @ J.T - tensor(body.steps(z, 1))).max())
+
+    z, h = np.array([0.5, -0.8, 1.1, 0.6, 0.48, 0.64]), 1e-3
+    steklov = kr.Steklov(b=(0.6, 1.1, 1.7), nu=0.3)
+    assert defect(steklov, "exact", None) < 1e-9
+    assert defect(kr.Clebsch(b=(0.6, 1.1, 1.7)), "baecklund", 2) < 1e-9
+    assert 1e-4 < defect(steklov, "baecklund", 2) < 1e-1  # docs/exact.md
+    assert defect(steklov, "baecklund", 12) < 1e-9
+
+
 def test_the_one_map_stays_away_from_branch_points() -> None:
     """|1/lam| is less than half of the distance of the next zero of t^2 - 4 |P|^2 u^2, by NumPy's roots."""
     draw = np.random.default_rng(4)

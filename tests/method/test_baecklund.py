@@ -8,6 +8,7 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import kreisel as kr
 import walks
@@ -107,6 +108,33 @@ def test_kernel_equals_definition(name: str, n: int, order: int, oriented: bool)
     for _ in range(3):
         z = plan.advance(*z)
     assert abs(out[0, 0] - algebra.flatten(z, kinds)).max() < 1e-12
+
+
+@pytest.mark.parametrize("revolution", [False, True])
+@pytest.mark.parametrize("n", [6, 7])
+def test_large_bodies_with_a_real_stage_follow_the_equations_of_motion(n: int, revolution: bool) -> None:
+    draw = np.random.default_rng(n)
+    i, j = np.triu_indices(n, 1)
+    b, c, start = draw.normal(size=n), np.ones(len(i)), draw.normal(size=len(i) + n)
+    body = kr.Clebsch(b=b)
+    if revolution:  # a1 of the planes with the axis, a3 of the others
+        body = kr.KirchhoffRevolution(a1=1.3, a3=0.8, c1=0.9, c3=0.4, n=n)
+        b, c = -np.array([0.9] * (n - 1) + [0.4]), np.where(j == n - 1, 1.3, 0.8)
+
+    def rate(_: float, z: np.ndarray) -> np.ndarray:  # M' = [M, Omega] + P ^ BP, P' = -Omega P
+        M, Omega, P = np.zeros((n, n)), np.zeros((n, n)), z[len(i) :]
+        M[i, j], Omega[i, j] = z[: len(i)], c * z[: len(i)]
+        M, Omega = M - M.T, Omega - Omega.T
+        change = M @ Omega - Omega @ M + np.outer(P, b * P) - np.outer(b * P, P)
+        return np.append(change[i, j], -Omega @ P)
+
+    right = solve_ivp(rate, (0, 0.5), start, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+    for order in (2, 6):  # the default, and one with pairs too
+        off = [
+            abs(kr.propagator(body, method="baecklund", order=order, dt=0.5 / k).steps(start, k) - right).max()
+            for k in (4, 8)
+        ]
+        assert off[1] < 0.1 and abs(np.log2(off[0] / off[1]) - order) < 0.3, (order, off)
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

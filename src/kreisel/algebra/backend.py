@@ -208,7 +208,9 @@ def rounded(x: Any) -> Any:
     """Values of more digits as doubles: of NumPy's extended types, of double-doubles."""
     if isinstance(x, Complex):
         return Complex(rounded(x.re), rounded(x.im))
-    if isinstance(x, np.ndarray | np.generic) and not holds_objects(x):
+    if isinstance(x, np.ndarray | np.generic):
+        if holds_objects(x):
+            return objects(map(rounded, x.flat), x.shape)
         return x.astype(complex if x.dtype.kind == "c" else float)
     return getattr(x, "upper", x)
 

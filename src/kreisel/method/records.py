@@ -221,6 +221,7 @@ _RECORDS = (
         default_for=(Suits(states=("baecklund",)),),
         orders=tuple(range(2, 26, 2)),
         default=2,
+        poisson="yes; by conjugate pairs (docs/exact.md) only if the points of the curve are fixed",
         conserves="all integrals of the flow",
         sources=("suris2001", "kuznetsov2004", "zullo2011", "ragnisco2011"),
     ),
