@@ -69,6 +69,8 @@ FIRST, SECOND = (
     "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",
     "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
 )
+TIMES = np.arange(0.0, 20_000.0, 600.0)
+MOVING = Orbit(7e6, 0.01, 0.9).at(TIMES)
 BAD: dict[str, tuple[Callable[[], object], str]] = {
     "epoch": (lambda: Orbit(7e6, epoch="20.3.2026"), "epoch: expected a date in UTC"),
     "number": (lambda: Orbit(7e6, epoch=2461120.0), "epoch: expected a date in UTC"),
@@ -89,6 +91,12 @@ BAD: dict[str, tuple[Callable[[], object], str]] = {
     "a gap": (
         lambda: Orbit.from_table([0, 1e-3, 60, 120, 1e6, 2e6], np.outer([1, 1, 2, 1, 2, 1], [8e6, 0, 0])),
         "about equally spaced",
+    ),
+    "unsorted times": (lambda: Orbit.from_table(range(6, 0, -1), np.full((6, 3), 5e6)), "times that increase"),
+    "velocities in km/s": (lambda: Orbit.from_table(TIMES, MOVING[0], MOVING[1] / 1e3), "cause: km/s for m/s"),
+    "of the rotating Earth": (
+        lambda: Orbit.from_table(TIMES, MOVING[0], MOVING[1] - np.cross((0, 0, 7.292e-5), MOVING[0])),
+        "velocities: expected the rates .* a rotating frame",
     ),
     "path": (lambda: Orbit(7e6, path=kr.Table([0, 1], [1, 2])), "path: expected a table as Orbit.from_table"),
     "anomaly": (lambda: Orbit(7e6, true_anomaly="3 kg"), "dimension of rad"),

@@ -66,6 +66,7 @@ def _checked(primary: Any) -> Primary:
 
 
 DAY, MOST_DEGREE, MOST_ROWS = 86_400.0, 5, 2_000_000
+CONSISTENT = 0.02  # of the length of a path: the largest part that is not by the velocities
 AHEAD_OF_UTC = {"TDB": 69.184, "TT": 69.184, "TAI": 37.0, "GPS": 18.0}  # s
 J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
 
@@ -258,7 +259,7 @@ class Orbit:
 
         Between the times it is a polynomial of degree 5 of the difference to an ellipse through the first state, whose
         elements `period` and the like have; with unequal times, resampled at equal ones.  Raises `InputError` for times
-        that do not increase, positions inside the primary, and times too unequal for that.
+        that do not increase, positions inside the primary, velocities of another path, and times too unequal for that.
         """
         dates, t = np.asarray([times]) if isinstance(times, str) else np.asarray(times), None
         if dates.dtype.kind in "MUO":
@@ -274,6 +275,8 @@ class Orbit:
                 f"from_table: expected six or more times (k,), and positions and velocities (k, 3), got times of shape "
                 f"{t.shape}, positions of shape {r.shape}."
             )
+        if not (np.diff(t) > 0).all():
+            raise InputError(f"times: expected times that increase, got {shown(times)}. Sort the rows by time.")
         least = np.linalg.norm(r, axis=-1).min()
         if least <= primary.radius:
             raise InputError(
@@ -304,7 +307,14 @@ class Orbit:
         if v is None:
             slopes = spline.derivative()(t), spline.derivative(2)(t)
         else:
-            slopes = v - near[1], make_interp_spline(t, v - near[1], k=MOST_DEGREE).derivative()(t)
+            rates = make_interp_spline(t, v - near[1], k=MOST_DEGREE)
+            off, way = (abs(np.diff(x, axis=0)).sum() for x in (rates.antiderivative()(t) - (r - near[0]), r))
+            if off > CONSISTENT * way:
+                raise InputError(
+                    f"velocities: expected the rates of the positions, got others, {off / way:.2%} of the path off. "
+                    "Usual cause: km/s for m/s, times in another unit than s, a rotating frame, or rows too far apart."
+                )
+            slopes = v - near[1], rates.derivative()(t)
         return replace(self, path=_equally_spaced(Table(t, r - near[0], slopes)))
 
     @property
