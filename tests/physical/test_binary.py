@@ -395,6 +395,10 @@ def test_bad_input() -> None:
         (lambda: GravityBody(1e9, (1.0, 1.0, 1.0), love=0.1), "size"),
         (lambda: GravityBody.ellipsoid(1e9, (1, 0, 1)), "diameters"),
         (lambda: GravityBody.points([1.0], [1.0, 2.0, 3.0]), "positions"),
+        (
+            lambda: kr.analysis.quaternions(kr.simulate(STRONG, start(STRONG), dt="1 h", steps=1)),
+            "one body, got one of several. attitude_1",
+        ),
     ]
     for call, words in cases:
         with pytest.raises(kr.InputError, match=words):

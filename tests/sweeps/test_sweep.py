@@ -618,3 +618,9 @@ def test_settings_that_are_lists(tmp_path: Path) -> None:
             kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)},
             kr.Design(grid={"run.steps": [[1, 2], [3, 4]]}), dt=0.1, steps=4, workers=0, path=tmp_path / "s.zarr",
         )  # fmt: skip
+
+
+def test_a_spin_that_varies_needs_the_arguments_of_a_state(tmp_path: Path) -> None:
+    body, spins = kr.physical.FreeBody((1, 2, 2.5)), [(0, 0, 1), (0, 0.1, 1)]
+    with pytest.raises(kr.InputError, match=r"expected momentum, attitude, got 'spin'.* give x0 as a dict"):
+        kr.sweep(body, body.state(spins[0]), over={"spin": spins}, t_end=1, workers=0, path=tmp_path / "s.zarr")

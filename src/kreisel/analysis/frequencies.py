@@ -136,7 +136,10 @@ def _even(time: Array, values: Array) -> tuple[Array, Array]:
     with np.errstate(all="ignore"):
         finite = np.isfinite((np.abs(values) ** 2).sum())
     if gaps.min() < gaps.max() * (1 - 1e-6) or gaps.min() <= 0 or not finite:
-        raise InputError("expected values with finite squares at evenly spaced times, as of kr.simulate, got others.")
+        raise InputError(
+            "expected values with finite squares at evenly spaced, rising times, as of kr.simulate, got others. Usual "
+            "cause: rows chosen by isel or sel, or kr.at at other times; give it np.arange(count) * step."
+        )
     return time, values.astype(complex if values.dtype.kind == "c" else float)
 
 

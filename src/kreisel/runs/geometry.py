@@ -182,6 +182,11 @@ def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
 def orientation_of(run: xr.Dataset) -> Array:
     """The unit quaternions (..., 4) of a run, body to space.  Raises `InputError` if it has none, or for n > 3."""
     run = in_state_form(a_run(run, rows=False))
+    if "q1" in run:
+        raise InputError(
+            "expected a run of one body, got one of several. attitude_1, attitude_2 are theirs; their light is "
+            "kr.analysis.brightness(shape) of vectors along their axes."
+        )
     if ORIENTATION not in run or run[ORIENTATION].shape[-1:] != (4,):
         raise InputError(
             "The run carries no orientation for n = 3. Run it again with orientation=(1, 0, 0, 0), or in the TOML file "

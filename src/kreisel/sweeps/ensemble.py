@@ -415,7 +415,10 @@ def _started(body: Body, x0: Any, changes: Changes) -> State:
         letter = frame.letters.get(q.letter)
         if letter is None or (letter == ORIENTATION and orientation is None):
             names = (*letters, *frame.letters)
-            raise InputError(f"{q.name}: expected {', '.join(names)}, got {shown(q.letter)}.{hint(q.letter, names)}")
+            cause = "" if letters else " Of arguments of body.state give x0 as a dict, such as {'spin': (0, 0, 1)}."
+            raise InputError(
+                f"{q.name}: expected {', '.join(names)}, got {shown(q.letter)}.{hint(q.letter, names)}{cause}"
+            )
         old = np.asarray(orientation if letter == ORIENTATION else parts[letter])
         entries = _with_entry(frame.change(letter, True)(old).tolist(), q, value)
         if letter == ORIENTATION:
