@@ -13,6 +13,8 @@ from PIL import Image
 import kreisel as kr
 from kreisel import analysis
 from kreisel.lab import exact
+from kreisel.runs.geometry import presented
+from kreisel.storage.opening import open_lanes
 from kreisel.system import REGISTRY
 from kreisel.viewer import charts
 from kreisel.viewer.plots import sweep_figure
@@ -39,6 +41,26 @@ def test_a_sweep_shows_the_entry_that_varies_most(tmp_path):
     place = np.argwhere(widest == widest.max())[0]
     labels = [axes.get_ylabel() for axes in sweep_figure(swept).axes]
     assert f"M[{place[0]}, {place[1]}]: max - min" in labels and place[0] != place[1]
+
+
+def test_a_sweep_of_a_body_is_drawn_in_si(tmp_path):
+    """The title is of the body, axes and panels have units, and drifts in joule are relative as others are."""
+    top = kr.physical.Gyroscope.flat(mass="100 g", axial_moment="360 g cm^2", lever="3 cm")
+    options = {"dt": "0.2 ms", "t_end": "0.05 s", "workers": 0, "save": ("drift", "extremes", "frequencies")}
+    over = {"mass": ["100 g", "1e9 g"], "spin": ["3000 rpm", "6000 rpm"]}
+    kr.sweep(top, {"tilt": "20 deg"}, over=over, path=tmp_path / "s.zarr", **options)
+    swept = presented(open_lanes(tmp_path / "s.zarr"))
+    figure = sweep_figure(swept)
+    assert figure.get_suptitle() == "Gyroscope: sweep of 4 lanes"
+    panels = {axes.get_title(): axes for axes in figure.axes if axes.get_title()}
+    assert [re.sub(r"^\w+\[\d\]", "v", title) for title in panels] == [
+        *("v: max - min (kg m^2/s)", "v: frequency (rad/s)", "largest drift, relative")
+    ]
+    for axes in panels.values():
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("body.mass (kg)", "state.spin (rad/s)")
+        assert axes.dataLim.ymin < 3000 * np.pi / 30 < 6000 * np.pi / 30 < axes.dataLim.ymax
+    assert panels["largest drift, relative"].collections[0].get_array().max() < 1e-12 < swept.energy_drift.max()
+    assert sweep_figure(swept, "energy_drift").axes[0].get_title() == "energy_drift (J)"
 
 
 def drawn(figure):

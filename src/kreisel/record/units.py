@@ -298,6 +298,14 @@ def in_base_units(values: Any) -> Any:
     return np.reshape([registry().Quantity(text).to_base_units().magnitude for text in texts.flat], texts.shape)
 
 
+def base_unit(values: Any) -> str:
+    """Unit of SI of the values of `in_base_units`, "rad/s" for "3 rpm"; "" without units."""
+    if in_base_units(values) is values:
+        return ""
+    unit = registry().Quantity(np.asarray(values).flat[0]).to_base_units().units
+    return f"{unit:~C}".replace("**", "^").replace("*", " ")
+
+
 def one_unit(value: Any) -> bool:
     """Whether it is (values, unit), such as ([1, 2, 3], "cm") or (3, "cm"); "3 cm" is a single quantity."""
     if not isinstance(value, list | tuple) or len(value) != 2 or not isinstance(value[1], str):

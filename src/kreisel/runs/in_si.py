@@ -98,7 +98,8 @@ def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     frame = frame_of(run)
     if not frame or is_in_si(run):
         return run
-    title = {"title": f"{frame.title}: {run.attrs['method']}"} if frame.title and "method" in run.attrs else {}
+    _, _, kind = str(run.attrs.get("title", "")).rpartition(": ")  # the method, or the lanes of a sweep
+    title = {"title": f"{frame.title}: {run.attrs.get('method', kind)}"} if frame.title else {}
     out = _converted(run, frame, forward=True).assign_attrs({FORM: SI, **title})
     model = _model_of(run, model)
     if model is None:
@@ -153,7 +154,8 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
     for name, variable in run.variables.items():
         base, _, suffix = str(name).rpartition("_") if variable.attrs.get("kind") in SUMMARIES else (str(name), "", "")
         letter, new = base if forward else names.get(base, base), names.get(base, base)
-        unit, size = frame.units.get(letter, ("1", 1.0)) if suffix != "frequency" else ("rad/s", 1 / frame.time_unit)
+        unit, size = frame.units.get(letter, (variable.attrs.get("units", "1"), 1.0))
+        unit, size = (unit, size) if suffix != "frequency" else ("rad/s", 1 / frame.time_unit)
         by = scaling(size if forward else 1 / size) if suffix else frame.change(letter, forward)
         out = variable.copy(deep=False) if by is unchanged else _rows(variable.dims, [variable], by, frame.differs)
         out.attrs = _attributes(variable.attrs, frame, letter, new, unit, size if forward else 1 / size, forward)

@@ -19,6 +19,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,7 +38,7 @@ from kreisel.record.body import Body, joined
 from kreisel.record.contract import System
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import WITH_WHEELS
-from kreisel.record.units import OF_SYSTEM, BodyFrame, in_base_units
+from kreisel.record.units import OF_SYSTEM, BodyFrame, base_unit, in_base_units
 from kreisel.record.values import axes_of
 from kreisel.runs import harmonics
 from kreisel.runs.in_si import scaled, scaled_settings
@@ -374,7 +375,7 @@ def of_body_in_si(
     listed |= {f"run.{name}": value for name, value in settings.items() if isinstance(value, list)}
     axes = [[axis, size, {q.name: in_base_units(v) for q, v in tables.items()}] for axis, size, tables in lanes.folded]
     sections = {
-        **({"body": model.body_frame.table} if model.body_frame else {}),
+        **({"body": replace(model.body_frame, title=body.title).table} if model.body_frame else {}),
         "system": {"name": model.system.name, **parameters},
         "state": {letter: value[0] for letter, value in start.items()},
         "run": {name: value[0] if isinstance(value, list) else value for name, value in settings.items()},
@@ -383,9 +384,17 @@ def of_body_in_si(
             "list": listed,
             "shown": {q.name: in_base_units(v) for q, v in values.items()},
             "axes": axes,
+            "units": {q.name: unit for q, v in values.items() if (unit := base_unit(v) or _unit(q, model.body_frame))},
         },
     }
     return sections, model
+
+
+def _unit(q: Varied, frame: BodyFrame) -> str:
+    """Unit of a time or of a variable of the runs, whose values are floats; "" of other arguments."""
+    if q.section == "run":
+        return "s" if q.letter in ("dt", "t_end", "t_start") else ""
+    return str(frame.units.get(frame.letters.get(q.letter, ""), ("", 1.0))[0]) if q.section == "state" else ""
 
 
 def _settings(model: Model, run: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

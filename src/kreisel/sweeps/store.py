@@ -129,7 +129,8 @@ class Store:
 
         for quantity, example in self.sweep.lanes.inputs(0, 1).items():
             dims = tuple(f"{quantity.name}_{i}" for i in range(example.ndim - 1))
-            attrs: dict[str, Any] = {"long_name": f"{quantity.name}, as given", "kind": "input", "units": "1"}
+            unit = self.sweep.description["sweep"].get("units", {}).get(quantity.name, "1")
+            attrs: dict[str, Any] = {"long_name": f"{quantity.name}, as given", "kind": "input", "units": unit}
             encoding: dict[str, Any] = {"dtype": np.dtype("i8"), "fill_value": 0} if example.dtype.kind in "iu" else {}
             if example.dtype.kind == "U":
                 words = sorted(set(self.sweep.lanes.tables[quantity].tolist()))

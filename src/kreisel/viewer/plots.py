@@ -370,6 +370,7 @@ def _thinned_time(run: xr.Dataset) -> np.ndarray:
 MOST_PANELS = 3
 MOST_POINTS = 50_000
 FEW = 200  # lanes, whose points are larger
+DRIFT = "largest drift, relative"
 
 
 def sweep_figure(run: xr.Dataset, show: str | None = None, theme: str = "light") -> Figure:
@@ -388,8 +389,9 @@ def sweep_figure(run: xr.Dataset, show: str | None = None, theme: str = "light")
     varied = {k: v for k, v in inputs.items() if len(np.unique(v)) > 1}
     grids = {k: v for k, v in varied.items() if len(np.unique(v)) < len(v)}  # whose values occur in several lanes
     chosen = dict(list(grids.items())[:2] or list(varied.items())[:1])
+    chosen = {_with_unit(run, k): v for k, v in chosen.items()}
     axes = chosen or {"lane": np.arange(run.sizes["lane"], dtype=float)}
-    panels = _panels(run) if show is None else {show: _entry(run, show)}
+    panels = _panels(run) if show is None else _entry(run, show)
     with figure(theme, 4.1 * len(panels) + 0.6, 3.9) as (picture, colours):
         for place, (label, value) in enumerate(panels.items()):
             _panel(picture, picture.add_subplot(1, len(panels), place + 1), axes, label, value, colours)
@@ -406,13 +408,14 @@ def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
         value = np.asarray(run[f"{letter}_max"].values) - np.asarray(run[f"{letter}_min"].values)
         place = np.unravel_index(np.nan_to_num(value).sum(0).argmax(), value.shape[1:])  # of the entry that varies most
         entry, at = f"{letter}[{', '.join(map(str, place))}]" if place else letter, (slice(None), *place)
-        out[f"{entry}: max - min"] = value[at]
+        out[_with_unit(run, f"{letter}_max", f"{entry}: max - min")] = value[at]
         if f"{letter}_frequency" in run.variables:
-            out[f"{entry}: frequency"] = np.asarray(run[f"{letter}_frequency"].values)[at]
-    drifts = [v for k, v in run.variables.items() if str(k).endswith("_drift")]
-    kept = [v.values for v in drifts if "not conserved" not in str(v.attrs.get("long_name"))]
+            name = f"{letter}_frequency"
+            out[_with_unit(run, name, f"{entry}: frequency")] = np.asarray(run[name].values)[at]
+    drifts = {str(k): v for k, v in run.variables.items() if str(k).endswith("_drift")}
+    kept = [k.removesuffix("_drift") for k, v in drifts.items() if "not conserved" not in str(v.attrs.get("long_name"))]
     if kept:
-        out["max drift"] = np.max([np.asarray(v).reshape(run.sizes["lane"], -1).max(1) for v in kept], 0)
+        out[DRIFT] = np.max([_relative_drift(run, family) for family in kept], 0)
     if not out:
         raise InputError(
             "The sweep saved neither drift nor extremes: say what to draw, --show NAME, one of "
@@ -421,7 +424,19 @@ def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
     return dict(list(out.items())[:MOST_PANELS])
 
 
-def _entry(run: xr.Dataset, show: str) -> np.ndarray:
+def _with_unit(run: xr.Dataset, name: str, label: str = "") -> str:
+    """A label, by default the name of a variable, with the unit of the variable."""
+    unit = run[name].attrs.get("units", "1")
+    return f"{label or name}{f' ({unit})' if unit != '1' else ''}"
+
+
+def _relative_drift(run: xr.Dataset, family: str) -> np.ndarray:
+    """The largest |change| in each lane over the largest value at time 0 of all lanes: families differ in units."""
+    scale = np.nanmax(abs(np.asarray(run[f"{family}_start"].values)), initial=0.0) or 1.0
+    return np.asarray(run[f"{family}_drift"].values).reshape(run.sizes["lane"], -1).max(1) / scale
+
+
+def _entry(run: xr.Dataset, show: str) -> dict[str, np.ndarray]:
     name, _, entry = show.removesuffix("]").partition("[")
     names = [str(k) for k, v in run.variables.items() if v.dims[:1] == ("lane",) and v.dtype.kind == "f"]
     if name not in names:
@@ -431,11 +446,11 @@ def _entry(run: xr.Dataset, show: str) -> np.ndarray:
     if len(index) != value.ndim - 1 or any(i >= k for i, k in zip(index, value.shape[1:], strict=True)):
         entry = ",".join(["0"] * (value.ndim - 1))
         raise InputError(f"--show: {name} has the shape {value.shape[1:]}: one entry is {name}[{entry}], got {show}.")
-    return value[(slice(None), *index)]
+    return {_with_unit(run, name, show): value[(slice(None), *index)]}
 
 
 def _panel(picture: Figure, axes: Any, along: Any, label: str, value: np.ndarray, theme: Theme) -> None:
-    tiny = label == "max drift" or label.partition("[")[0].endswith("_drift")
+    tiny = label == DRIFT or "_drift" in label
     medians = pd.Series(value).groupby(list(along.values())[::-1]).median()
     logarithmic = tiny and bool((medians > 0).any())
     if len(along) == 2:
