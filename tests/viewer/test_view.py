@@ -141,9 +141,29 @@ def test_a_satellite_has_the_shape_of_its_inertia():
     sat = Satellite.cubesat(Orbit.circular("500 km"), units=3)
     run = kr.simulate(sat.model(), sat.state(), dt=60.0, steps=20, orientation=IDENTITY, progress=False)
     data = scene(run)
-    assert "satellite" in data["note"] and data["up"] == ""
+    assert data["kind"] == "satellite" and data["up"] == ""
     axis, colour = np.array(data["bodies"][0]["axis"]), array(data["meshes"][0]["colour"], "u1")
     assert bodies.PANEL in colour and abs(axis[0]) > 0.97  # the axis of the least moment is the first
+
+
+def test_an_asteroid_has_no_panels_and_goes_round_the_sun():
+    """Moments 1 : 3.09 : 3.22 are of an ellipsoid with axes as sqrt(5.31) : sqrt(1.13) : sqrt(0.87)."""
+    from kreisel.physical import Asteroid
+    from kreisel.viewer.frames import panels_of
+
+    toutatis = Asteroid.toutatis()
+    lengths = np.sqrt([5.31, 1.13, 0.87])
+    for body in (toutatis, kr.physical.Ensemble([toutatis, Asteroid((2e19, 6.18e19, 6.44e19), toutatis.orbit)])):
+        run = kr.simulate(body, body.state((1e-5, 4e-6, 0)), dt="1 h", steps=30, progress=False)
+        data = scene(run)
+        reach = np.ptp(points(data), axis=0)
+        assert np.allclose(reach / reach[0], lengths / lengths[0], rtol=1e-2)
+        assert bodies.PANEL not in array(data["meshes"][0]["colour"], "u1")
+        assert [a["name"] for a in data["bodies"][0]["arrows"]] == ["Sun", "velocity"]
+        assert data["legend"]["tip"].endswith("Sun") and data["charts"]["panels"][0]["title"].endswith("to Sun")
+    moon = Asteroid.hyperion()
+    run = kr.simulate(moon, moon.state((0, 0, 4e-6)), dt="1 h", steps=30, progress=False)
+    assert panels_of(run)[0].title == "angle of the axis to nadir"
 
 
 def test_a_satellite_has_arrows_to_what_is_around_it_and_a_globe():

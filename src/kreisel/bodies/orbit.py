@@ -217,6 +217,7 @@ check_not_negative = expected(lambda x: x >= 0, "a number >= 0")
 check_eccentricity = expected(lambda x: (x >= 0) & (x < 1), "an ellipse, 0 <= e < 1")
 EARTH = 3.986004418e14  # mu, m^3/s^2, WGS 84
 ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
+MU_SUN = 1.3271244e20  # m^3/s^2, IAU 2015 B3
 ORBIT = (
     Parameter("semi_major_axis", "scalar", "of the orbit, m", check_positive),
     Parameter("eccentricity", "scalar", "of the orbit", check_eccentricity, 0.0),

@@ -275,6 +275,13 @@ class Ensemble(Body):
         """The name of the bodies in the title of their runs."""
         return f"{len(self)} of {self.bodies[0].title}"
 
+    @property
+    def _shape(self) -> tuple[Any, ...]:  # type: ignore[override]
+        """The shape of all bodies, or its kind if their half lengths differ."""
+        shapes = {body._shape for body in self.bodies}
+        kinds = {shape[:1] for shape in shapes}
+        return next(iter(shapes if len(shapes) == 1 else kinds)) if len(kinds) == 1 else ()
+
 
 def _functions(body: Any) -> tuple[Any, ...]:
     """The functions of a body and their attributes: bodies with equal ones share their operations."""

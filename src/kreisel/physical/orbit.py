@@ -52,7 +52,7 @@ EARTH = Primary(
 )
 SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7, 21_136.0e-9 * 60_268_000.0**3, 16_290.57e-6 * (60_330 / 60_268) ** 2)
 ASTRONOMICAL_UNIT = formulas.ASTRONOMICAL_UNIT
-SUN = Primary("Sun", 1.3271244e20, 6.957e8)
+SUN = Primary("Sun", formulas.MU_SUN, 6.957e8)
 
 
 def _checked(primary: Any) -> Primary:

@@ -310,6 +310,8 @@ class Satellite(Forced):
 class Asteroid(Satellite):
     """A moon or an asteroid on its orbit: a `Satellite` whose shape is an ellipsoid of constant density."""
 
+    _shape: tuple[Any, ...] = ("ellipsoid",)
+
     @classmethod
     def ellipsoid(cls, mass: Any, diameters: Any, orbit: Orbit) -> Asteroid:
         """The asteroid with these principal diameters, m."""

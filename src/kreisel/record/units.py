@@ -199,8 +199,8 @@ def _size(value: Any) -> Any:
 
 
 def _shape(value: Any) -> tuple[Any, ...]:
-    """The shape of a table; () for a damaged one."""
-    if not isinstance(value, list) or len(value) != 4:
+    """The shape of a table: a kind, and half lengths unless the inertia decides them; () for a damaged one."""
+    if not isinstance(value, list) or len(value) not in (1, 4):
         return ()
     good = all(isinstance(v, float) and 0 <= v < np.inf for v in value[1:])
     return (str(value[0]), *value[1:]) if good else ()

@@ -16,6 +16,7 @@ import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.bodies.orbit import MU_SUN
 from kreisel.errors import InputError, RunError, brief, shown
 from kreisel.forces.kicks import WHEELS
 from kreisel.method.scheme import ORIENTATION
@@ -347,7 +348,7 @@ def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[
     """Pointing error, angles against the orbit, rates, and the momenta of wheels."""
     model, around = satellite_model(run), surroundings(run)
     angles = angles_of(run, around=around)
-    aim = target if isinstance(target, str) else brief(shown(target), LONGEST)
+    aim = name_of_target(model, target) if isinstance(target, str) else brief(shown(target), LONGEST)
     subject = "axis" if axis is None else f"axis {brief(shown(axis), LONGEST)}"
     error = np.rad2deg(pointing_error(run, axis, target, around))[..., None]
     omega = frame_of(run).vectors(algebra.axial(velocity_of(run, model)))
@@ -364,6 +365,12 @@ def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[
         names = tuple(str(k + 1) for k in range(momenta.shape[-1]))
         out.append(Panel("momenta of the wheels", "N m s", names, momenta))
     return out
+
+
+def name_of_target(model: Model, target: str) -> str:
+    """A target of a satellite in words: the Sun for "sun", and for the nadir of an orbit about the Sun."""
+    about_sun = np.all(abs(model.params["mu"] / MU_SUN - 1) < 1e-2)
+    return "Sun" if target == "sun" or (target == "nadir" and about_sun) else target
 
 
 def shadows_of(run: xr.Dataset) -> list[tuple[float, float]]:

@@ -32,6 +32,7 @@ from kreisel.files import parsed
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.scheme import ORIENTATION
 from kreisel.record.contract import Frame
+from kreisel.record.model import Model
 from kreisel.record.perturbation import pairs_of
 from kreisel.runs import geometry
 from kreisel.runs.drift import all_series
@@ -50,7 +51,18 @@ from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.runs.settings import within
 from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
-from kreisel.viewer.frames import clock_of, evenly, extremes, frames, mixed, panels_of, shadows_of, stretches, windows
+from kreisel.viewer.frames import (
+    clock_of,
+    evenly,
+    extremes,
+    frames,
+    mixed,
+    name_of_target,
+    panels_of,
+    shadows_of,
+    stretches,
+    windows,
+)
 from kreisel.viewer.style import THEMES
 
 MOST_PLACED = 20_000  # rows of which the path is computed
@@ -121,7 +133,7 @@ class Shown:
         body, frame = self._asked, self.record.body_frame
         if body is None and usual != "top" and frame.shape:
             kind, *half = frame.shape
-            body = bodies.of_shape(kind, np.array(half))
+            body = bodies.of_shape(kind, np.array(half)) if half else kind if kind in bodies.SHAPES else None
             self.subject = f"the {kind}" if body is not None else self.subject
             size *= 0.7 if usual == "satellite" else 1.0  # without panels, and between arrows
         return body.scaled(size) if isinstance(body, Body) else bodies.SHAPES[body or usual](axis, tensor, size)
@@ -132,7 +144,7 @@ class Shown:
         if tensor is None and not shape:  # of a user-defined system, as a perturbed body
             self.subject = "the body"
             return np.eye(3)[2], "third axis"
-        return bodies.marked_axis(tensor, np.array(shape[1:]) if shape else None)
+        return bodies.marked_axis(tensor, np.array(shape[1:]) if shape[1:] else None)
 
     def _path(self) -> Array | None:
         """The places of the body, if it moves through space and its rows follow each other closely enough."""
@@ -169,9 +181,13 @@ class Shown:
         self.arrows = geometry.directions(around)
         if not isinstance(target, str) or target not in self.arrows:
             self.arrows["target"] = geometry.target_of(around, target)
-        aim = target if isinstance(target, str) else "the target"
+        aim = self.name_of(target) if isinstance(target, str) else "the target"
         self.legend["tip"] = f"axis of the body that is compared with {aim}"
-        self.note = "The satellite, larger than it is, about its centre; space has its third axis up."
+        self.note = "The body, larger than it is, about its centre; space has its third axis up."
+
+    def name_of(self, target: str) -> str:
+        """A target of a satellite in words."""
+        return name_of_target(cast("Model", self.model), target)
 
     def _in_space(self) -> None:
         q = attitude_of(self.run)
@@ -376,7 +392,11 @@ def _packed_body(shown: Shown, name: str, mesh: int | None) -> dict[str, Any]:
         "tip": None if shown.axis is not None else packed(shown.tip, "f4"),
         **{k: None if v is None else v.tolist() for k, v in vectors.items()},
         "arrows": [
-            {"name": "Sun" if k == "sun" else k, "colour": ARROWS[k], "to": packed(np.round(SHORT * v), "i2")}
+            {
+                "name": name_of_target(cast("Model", shown.model), k),
+                "colour": ARROWS[k],
+                "to": packed(np.round(SHORT * v), "i2"),
+            }
             for k, v in shown.arrows.items()
         ],
         "place": None if shown.around is None else packed(shown.around["position"] / _reach(shown.around), "f4"),
