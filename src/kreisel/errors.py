@@ -43,6 +43,11 @@ def shown(value: object) -> str:
     return brief(text, SHOWN)
 
 
+def counted(count: int, noun: str) -> str:
+    """A number of things in words: "1 step", "1,000 steps"."""
+    return f"{count:,} {noun}{'s' * (count != 1)}"
+
+
 def brief(text: object, most: int = LONGEST) -> str:
     """Printable text, shortened in the middle if it is longer; fractions and NumPy's values in their usual form."""
     plain = NUMPY.sub(r"\1", printable(text))
@@ -241,6 +246,9 @@ def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[st
     """The reason why these arguments do not fit, and the call that would: for the first fault."""
     parameters = list(inspect.signature(call).parameters.values())
     maker: Any = None
+    of_class: Any = None  # the parameters of the class to which a class method hands its **others
+    if parameters and parameters[0].name == "cls" and values and isinstance(values[0], type):
+        of_class = inspect.signature(values[0]).parameters
     if parameters and parameters[0].name in ("self", "cls", "_cls"):
         maker = type(values[0]) if parameters[0].name == "self" and not call.__name__.startswith("__") else None
         parameters, values = parameters[1:], values[1:]
@@ -253,9 +261,9 @@ def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[st
     filled, any_name = dict(zip(names, values, strict=False)), any(p.kind is p.VAR_KEYWORD for p in parameters)
     missing = ", ".join(name for name in needed if name not in filled and name not in named)
     write = f"Write {title}({_written_call(names, first, needed, filled, named)})."
-    most = f"at most {_arguments(len(names))}, {', '.join(names)}" if names else "no arguments"
-    by_position = f"expected {_arguments(len(first))} by position and the others by name"
-    unknown = [name for name in named if name not in names and not any_name]
+    most = f"at most {counted(len(names), 'argument')}, {', '.join(names)}" if names else "no arguments"
+    by_position = f"expected {counted(len(first), 'argument')} by position and the others by name"
+    unknown = [k for k in named if k not in names and (k not in of_class if of_class and any_name else not any_name)]
     twice = [name for name in first[: len(values)] if name in named]
     if unknown:
         name, listed = unknown[0], ", ".join(names) or "none"
@@ -285,7 +293,3 @@ def _written_call(
     texts = {name: shown(value) for name, value in by_name.items() if name not in words}
     words += [f"{name}={text if len(text) < BRIEF else '...'}" for name, text in texts.items()]
     return ", ".join([*words, *(f"{name}=..." for name in needed if name not in words and name not in by_name)])
-
-
-def _arguments(count: int) -> str:
-    return f"{count} argument{'s' * (count != 1)}"

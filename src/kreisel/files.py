@@ -31,6 +31,7 @@ NPZ_ATTRIBUTES = "kreisel_attributes"
 FILE_MARKS = (  # the beginning of a kind of file, and the mark in it if Kreisel wrote it
     (b"\x89PNG\r\n\x1a\n", b"Software\0Kreisel"),
     (b"GIF89a", b"Film by Kreisel"),
+    (b"\0\0\0", b"freeFilm by Kreisel"),  # MP4
     (b"%PDF-", b"/Creator (Kreisel"),
     (b"<?xml", b"<dc:title>Kreisel"),
     (b"<!doctype html>", b'<meta name="generator" content="Kreisel">'),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import animation
 from matplotlib.font_manager import findfont
 from PIL import Image
 
@@ -61,6 +63,12 @@ def test_a_sweep_of_a_body_is_drawn_in_si(tmp_path):
         assert axes.dataLim.ymin < 3000 * np.pi / 30 < 6000 * np.pi / 30 < axes.dataLim.ymax
     assert panels["largest drift, relative"].collections[0].get_array().max() < 1e-12 < swept.energy_drift.max()
     assert sweep_figure(swept, "energy_drift").axes[0].get_title() == "energy_drift (J)"
+
+
+def test_a_title_counts_one_step():
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    run = kr.simulate(top, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.05, steps=1, progress=False)
+    assert kr.plot(run).get_suptitle().endswith("1 step of 0.05") and " 1 step of 0.05>" in repr(run.kreisel)
 
 
 def drawn(figure):
@@ -234,7 +242,31 @@ def test_a_film_shows_the_motion(run, tmp_path):
     assert max(moved) < 0.3
 
 
+def test_an_mp4_replaces_one_of_kreisel_only(run, tmp_path, monkeypatch):
+    """As a .gif does.  ffmpeg is played by a writer of the first box of its files; ffmpeg 9.0 reads the marked ones."""
+
+    class Ffmpeg(animation.AbstractMovieWriter):
+        def setup(self, figure, outfile, dpi=None):
+            Path(outfile).write_bytes(b"\0\0\0 ftypisom" + bytes(20))
+
+        def grab_frame(self, **_):
+            pass
+
+        def finish(self):
+            pass
+
+    monkeypatch.setattr(animation.writers, "is_available", lambda name: True)
+    monkeypatch.setattr(animation, "FFMpegWriter", Ffmpeg)
+    for _ in range(2):
+        kr.view(run).movie(tmp_path / "a.mp4", seconds=0.2, fps=10)
+    (tmp_path / "mine.mp4").write_bytes((tmp_path / "a.mp4").read_bytes()[:32])
+    with pytest.raises(kr.InputError, match=r"mine\.mp4 is unchanged"):
+        kr.view(run).movie(tmp_path / "mine.mp4", seconds=0.2, fps=10)
+
+
 def test_films_that_cannot_be(run, tmp_path):
+    with pytest.raises(kr.InputError, match=r"speed must be a positive number, .* got -1\.$"):
+        kr.view(run).movie(tmp_path / "a.gif", speed=-1)
     with pytest.raises(kr.InputError, match=r"ends in \.gif or \.mp4"):
         kr.view(run).movie(tmp_path / "a.avi")
     far = kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), run.isel(time=0), dt=2.0, steps=10, progress=False)

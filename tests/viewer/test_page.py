@@ -19,6 +19,14 @@ from scenes import HOSTILE, IDENTITY, array, hostile, tip
 
 needs_browser = pytest.mark.skipif(browser.find() is None, reason=f"no browser: none of {', '.join(browser.NAMES)}")
 READY = "document.body && document.body.dataset.ready"
+TOPS = """(() => {
+    const { camera, lanes } = kreisel.stage, out = [];
+    lanes[0].group.traverse((o) => {
+        const half = o.scale.y / 2 * camera.projectionMatrix.elements[5];
+        if (o.isSprite) out.push(o.position.clone().project(camera).y + half);
+    });
+    return out;
+})()"""
 TIP = "kreisel.stage.lanes.map(lane => lane.tip.toArray())"
 
 
@@ -196,6 +204,25 @@ def test_states_that_stand_alone_are_shown_one_by_one(chromium, top, x0, tmp_pat
 
 
 @needs_browser
+def test_a_change_far_below_rounding_is_in_its_strip(chromium, top, x0, tmp_path):
+    """Changes of 1e-22 of the scale in one row only: the strips ended at 1e-17, and a line has two points."""
+    run = kr.simulate(top, x0, dt=0.05, steps=20, progress=False)
+    energy = np.ones(21)
+    energy[5] += 2**-52
+    run = run.assign(energy=("time", energy, run.energy.attrs | {"evaluation_scale": [1e6]}))
+    opened(chromium, kr.view(run), tmp_path / "small.html")
+    low, y, points = chromium.run(
+        "(({ plot }) => [plot.scales.y.min, Math.max(...plot.data[1]), plot.series[1].points.show(plot, 1)])"
+        "(kreisel.drift.strips.find((s) => s.title === 'energy'))"
+    )
+    assert 1e-24 < low < y < 1e-21 and points
+    (axes,) = [axes for axes in kr.plot(run).axes if [text.get_text() for text in axes.texts] == ["energy"]]
+    (line,) = [line for line in axes.lines if np.nanmax(line.get_ydata()) < 1e-21]
+    place = np.nanargmax(line.get_ydata())
+    assert axes.get_ylim()[0] < line.get_ydata()[place] and line.get_markevery()[place] and line.get_marker() == "."
+
+
+@needs_browser
 def test_a_section_stands_beside_and_coordinates_can_be_chosen(chromium, top, x0, tmp_path):
     run = kr.simulate(top, x0, dt=0.05, steps=1000, progress=False)
     opened(chromium, kr.view(run, section=kr.analysis.section(run, "a[2]", 0.5)), tmp_path / "run.html")
@@ -209,6 +236,8 @@ def test_a_section_stands_beside_and_coordinates_can_be_chosen(chromium, top, x0
     m = np.triu(np.ones((4, 4)), 1)
     run = kr.simulate(four, four.state(m=m - m.T, a=(0.6, 0, 0, 0.8)), dt=0.05, steps=100, progress=False)
     opened(chromium, kr.view(run), tmp_path / "four.html")
+    heights = np.array(chromium.run(TOPS))  # of the names of the axes, -1 to 1 from the lower edge to the upper one
+    assert len(heights) == 3 and abs(heights).max() < 0.98
     chromium.run("(s => { s.value = 2; s.dispatchEvent(new Event('change')); })(document.getElementById('c0'))")
     set_to(chromium, "scrub", 60)
     chromium.wait("document.body.dataset.frame === '60'")

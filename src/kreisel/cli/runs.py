@@ -13,7 +13,7 @@ import typer
 
 from kreisel.cli import output
 from kreisel.cli.output import SET, AsJson, Overwrite, OverwriteFile, a_path, app, opt, print_json, say
-from kreisel.errors import ConservationWarning, InputError
+from kreisel.errors import ConservationWarning, InputError, counted
 from kreisel.process import SPENT
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def resume(
     with catch_warnings(action="ignore", category=ConservationWarning):  # the table and the exit code report it
         result = go_on(archive, extend=end)
     record = RunRecord.from_attrs(result.attrs)
-    line = f"{record.title}: {record.steps:,} steps, {result.sizes['time']:,} rows"
+    line = f"{record.title}: {counted(record.steps, 'step')}, {counted(result.sizes['time'], 'row')}"
     _report(result, {"archive": str(archive), "steps": record.steps}, [line], as_json)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import KNOWN, find, known_system
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, counted, explained, shown
 from kreisel.files import parsed
 from kreisel.method import METHODS, default_method
 from kreisel.record.contract import System
@@ -185,7 +185,7 @@ class Course:
     def pace(self) -> str:
         """The steps in words, and whether dt is the requested step."""
         asked = self.asked_dt
-        return f"{self.steps:,} steps of {self.step_text(self.dt)}" + (
+        return f"{counted(self.steps, 'step')} of {self.step_text(self.dt)}" + (
             "" if asked is None else f" (asked for: dt = {self.step_text(asked)}, of which t_end is not a multiple)"
         )
 

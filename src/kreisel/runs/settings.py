@@ -280,7 +280,7 @@ def positive_number(value: Any, name: str) -> float:
         raise InputError(f"expected {name}, got none. Give {name}=..., a positive number.")
     array = algebra.floats(value)
     if array.ndim or not SHORTEST_STEP <= array < np.inf:
-        negative = not array.ndim and array < 0
+        negative = not array.ndim and array < 0 and name in ("dt", "t_end")
         back = " To go back in time, reverse the momenta, and rotors and magnetic fields with them." if negative else ""
         raise InputError(
             f"{name} must be a positive number, finite and at least {SHORTEST_STEP:g}, got {shown(value)}.{back}"

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, on_disk
+from kreisel.errors import InputError, RunError, counted, on_disk
 from kreisel.files import parsed, stands
 from kreisel.record.contract import System
 from kreisel.runs.describing import body_of, dimensions, saved_times, time_attributes, versions
@@ -165,7 +165,7 @@ class Store:
         if "body" in self.sweep.description:
             body = json.dumps(self.sweep.description["body"])
         record = SweepRecord(
-            title=f"{system.title}: sweep of {self.sweep.lanes.total:,} lanes",
+            title=f"{system.title}: sweep of {counted(self.sweep.lanes.total, 'lane')}",
             source=f"kreisel {importlib.metadata.version('kreisel')}",
             references=system.source,
             system=system.name,

@@ -17,7 +17,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from kreisel.analysis.quantities import Quantity, label, series
-from kreisel.errors import InputError
+from kreisel.errors import InputError, counted
 from kreisel.viewer.frames import extremes
 from kreisel.viewer.style import WIDTHS, Theme, theme_of
 
@@ -115,7 +115,7 @@ def plot_section(cut: xr.Dataset, x: Quantity, y: Quantity, *, theme: str = "lig
         for number, lane in enumerate(np.unique(lanes)):
             style: dict[str, Any] = {"color": colours.colour(number), "markersize": 2.0, "markeredgewidth": 0}
             axes.plot(across[lanes == lane], up[lanes == lane], ".", **style)
-        title = f"section {cut.attrs['quantity']} = {cut.attrs['value']:g}, {cut.sizes['event']:,} points"
+        title = f"section {cut.attrs['quantity']} = {cut.attrs['value']:g}, {counted(cut.sizes['event'], 'point')}"
         axes.set(xlabel=label(x), ylabel=label(y), title=title)
     return picture
 
@@ -129,7 +129,7 @@ def plot_return_map(returns: xr.Dataset, *, theme: str = "light") -> Figure:
         axes.plot(ends, ends, color=colours.faint, linewidth=0.8, label="fixed points")
         axes.plot(returns["here"], returns["after"], ".", color=colours.colours[0], markersize=2.5)
         seen, count = returns.attrs["seen"], returns.attrs["returns"]
-        axes.set(xlabel=seen, ylabel=f"{seen}, {count} return{'s' * (count > 1)} later", aspect="equal")
+        axes.set(xlabel=seen, ylabel=f"{seen}, {counted(count, 'return')} later", aspect="equal")
         axes.legend(loc="upper left")
     return picture
 

@@ -65,16 +65,20 @@ def movie(
             for time in times.tolist():
                 film.draw(figure, time)
                 writer.grab_frame()
-        if target.suffix.lower() == ".gif":
-            _mark(scratch)
+        _mark(scratch)
     return target
 
 
-def _mark(gif: Path) -> None:
-    """A comment before the trailer of a GIF, by which Kreisel knows the file again (`FILE_MARKS`)."""
-    with gif.open("r+b") as file:
-        file.seek(-1, os.SEEK_END)
-        file.write(b"\x21\xfe" + bytes([len(MARK)]) + MARK + b"\0;")
+def _mark(film: Path) -> None:
+    """A mark of Kreisel's films (`FILE_MARKS`): a comment before the trailer of a GIF, a free box at the end of an MP4.
+
+    [ISO/IEC 14496-12, section 8.1.2]
+    """
+    gif = film.suffix.lower() == ".gif"
+    with film.open("r+b") as file:
+        file.seek(-1 if gif else 0, os.SEEK_END)
+        box = (len(MARK) + 8).to_bytes(4, "big") + b"free" + MARK
+        file.write(b"\x21\xfe" + bytes([len(MARK)]) + MARK + b"\0;" if gif else box)
 
 
 class _Film:

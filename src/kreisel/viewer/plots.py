@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 
-from kreisel.errors import InputError, brief, explained, hint, shown
+from kreisel.errors import InputError, brief, counted, explained, hint, shown
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.scheme import BALANCE, ORIENTATION
@@ -32,6 +32,7 @@ MOST_LANES = 7
 NEAR_AXIS = 0.94  # cosine beyond which the names of an axis of coordinates and of the body's axis would collide
 DASHES = ("-", "--", ":", "-.")
 STATES_SHOWN = 120
+LEAST = 1e-17  # of a relative change, unless the largest change of a family is smaller
 STRETCHES = 1200  # of a drift; the largest change in each is drawn, so no extreme is lost
 MOST_TITLE = 120
 MOST_ROWS = 200_000  # rows read for the picture of the path
@@ -112,10 +113,10 @@ def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
 
 def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
     compared = "".join(f" and {_named(second_record, record)}" for second_record in others)
-    lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.dims else ""
+    lanes = f", {counted(run.sizes['lane'], 'lane')}" if "lane" in run.dims else ""
     clock = clock_of(run)
     n, step = ("", f"{record.dt / clock.second:g} s") if clock.unit else (f", n = {record.n}", f"{record.dt:g}")
-    return f"{brief(record.title, MOST_TITLE)}{compared}{n}{lanes}, {record.steps:,} steps of {step}"
+    return f"{brief(record.title, MOST_TITLE)}{compared}{n}{lanes}, {counted(record.steps, 'step')} of {step}"
 
 
 def _named(record: RunRecord, first: RunRecord) -> str:
@@ -320,17 +321,21 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], theme: Theme) -> None:
     time = np.linspace(0, last, 400)[1:]
     width = MACHINE_EPSILON * np.sqrt(time / record.dt)
     drawn = [*families.values(), *(v for *_, envelopes in others for k, v in envelopes.items() if k in families)]
-    top = max([width[-1], *(float(np.nanmax(v, initial=0.0)) for v in drawn)])
+    largest = [float(np.nanmax(v, initial=0.0)) for v in drawn]
+    top, low = max([width[-1], *largest]), min([LEAST, *(v / 10 for v in largest if v > 0)])
     for number, (axes, (family, change)) in enumerate(zip(panels.flat, families.items(), strict=False)):
         for second, name, envelopes in others:
             if family in envelopes:
                 seconds = _thinned_time(second) / clock_of(second).second
                 axes.plot(seconds * clock.second / clock.size, envelopes[family], color=theme.faint, label=name)
         style = {"color": theme.colour(number), "linewidth": 0.7, "label": brief(record.method, MOST_TITLE)}
-        axes.plot(_thinned_time(run) / clock.size, change, **style)
+        (line,) = axes.plot(_thinned_time(run) / clock.size, change, **style)
+        changed = np.pad(np.isfinite(change), 1)
+        if (single := changed[1:-1] & ~changed[:-2] & ~changed[2:]).any():  # between rows without a change
+            line.set(marker=".", markersize=4, markevery=single)
         walk = r"$2^{-52}\,\sqrt{\mathrm{steps}}$"
         axes.plot(time / clock.size, width, color=theme.ink, linestyle="--", linewidth=0.9, label=walk)
-        axes.set(yscale="log", xlim=(first / clock.size, last / clock.size), ylim=(1e-17, 30 * top))
+        axes.set(yscale="log", xlim=(first / clock.size, last / clock.size), ylim=(low, 30 * top))
         plain = {"fontsize": "small", "parse_math": False}
         axes.text(0.01, 0.96, family.replace("_eps", " of the map"), transform=axes.transAxes, va="top", **plain)
         axes.locator_params(axis="y", numticks=4)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import KINDS
+from kreisel.errors import counted
 from kreisel.method import Method
 from kreisel.record.calling import keywords
 from kreisel.record.contract import Parameter, System
@@ -152,7 +153,7 @@ def system_html(system: System) -> str:
 
 def model_html(model: Model) -> str:
     """A system with its parameters."""
-    system, lanes = model.system, f", {model.batch[0]:,} lanes" if len(model.batch) == 1 else ""
+    system, lanes = model.system, f", {counted(model.batch[0], 'lane')}" if len(model.batch) == 1 else ""
     rows = [("equations", system.equations), ("dimension", f"n = {model.n}{lanes}")]
     rows += [(letter, _numbers_html(value)) for letter, value in model.params.items()]
     rows += [("state", ", ".join(f"{letter} ({kind})" for letter, kind in system.space.components))]
@@ -171,9 +172,9 @@ def run_html(run: xr.Dataset) -> str:
 
     needed = ("title", "equations", "parameters", "n", "steps", "method", "options")
     record, drifts = RunRecord.of(run, *needed, rows=False), table_of(run)
-    lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.sizes else ""
+    lanes = f", {counted(run.sizes['lane'], 'lane')}" if "lane" in run.sizes else ""
     steps = f"{record.pace}, " if record.stepped else ""
-    rows = f"{run.sizes.get('time', 1):,} saved states"
+    rows = counted(run.sizes.get("time", 1), "saved state")
     head = [
         ("equations", record.equations),
         ("parameters", record.parameters if len(record.parameters) < 200 else "…"),

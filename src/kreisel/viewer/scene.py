@@ -27,7 +27,7 @@ import xarray as xr
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.bodies.orbit import EARTH
-from kreisel.errors import InputError, printable, shown
+from kreisel.errors import InputError, counted, printable, shown
 from kreisel.files import parsed
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.scheme import ORIENTATION
@@ -486,7 +486,7 @@ def packed(values: Array, kind: str) -> str:
 
 def _facts(run: xr.Dataset, record: RunRecord, lanes: list[str]) -> list[str]:
     method = [f"{record.method}, n = {record.n}, {record.pace}"] * record.stepped
-    out = [str(run.attrs.get("equations", "")), *method, f"{run.sizes['time']:,} saved states"]
+    out = [str(run.attrs.get("equations", "")), *method, counted(run.sizes["time"], "saved state")]
     return [*out, *([f"{len(lanes)} of {run.sizes['lane']:,} lanes"] if len(lanes) > 1 else [n for n in lanes if n])]
 
 

@@ -1,7 +1,7 @@
 "use strict";
 // Strips: quantities of the motion, then the change of every integral, against time; and a section.  All know the cursor.
 const Charts = (() => {
-  const LEAST = 1e-18, TICK = 64, FOOT = 38, LOWEST = 62, FONT = "11px system-ui, sans-serif"; // pixels
+  const TICK = 64, FOOT = 38, LOWEST = 62, FONT = "11px system-ui, sans-serif"; // pixels
 
   class Strips {
     constructor(box, cursor) { Object.assign(this, { box, cursor, focus: null, strips: [] }); }
@@ -43,8 +43,8 @@ const Charts = (() => {
       const band = x.map((t) => (D.steps > 0 ? D.band * Math.sqrt(Math.max(1, D.steps * (t - begun) / (end - begun))) : null));
       const dashed = { label: "", stroke: colours.ink, width: 1, dash: [7, 4], points: { show: false } }, range = this.range();
       const strip = (title, members) => ({
-        title, range, members, data: [x, ...members.map((i) => Array.from(D.series[i].change, (v) => (v ? Math.max(LEAST, Math.abs(v) / D.series[i].scale) : null))), band],
-        lines: [...members.map((i) => ({ label: "", stroke: colours.colours[i % colours.colours.length], width: D.series[i].conserved ? 1.4 : 1, dash: D.series[i].conserved ? [] : [3, 3], spanGaps: true, points: { show: false } })), dashed],
+        title, range, members, data: [x, ...members.map((i) => Array.from(D.series[i].change, (v) => (v ? Math.max(range[0], Math.abs(v) / D.series[i].scale) : null))), band],
+        lines: [...members.map((i) => ({ label: "", stroke: colours.colours[i % colours.colours.length], width: D.series[i].conserved ? 1.4 : 1, dash: D.series[i].conserved ? [] : [3, 3], spanGaps: true, points: { show: D.series[i].change.filter((v) => v).length === 1 } })), dashed],
       });
       return families.size ? [...families].map(([name, members]) => strip(name, members)) : [strip("no integral changes", [])];
     }
@@ -78,11 +78,10 @@ const Charts = (() => {
 
     ends() { const { D } = this, a = D.time[0] / D.clock.size, b = D.time[D.count - 1] / D.clock.size; return [a, b > a ? b : a + 1]; }
 
-    range() {
-      const { D } = this;
-      let most = Math.max(1e-14, D.band * Math.sqrt(D.steps));
-      for (const s of D.series) for (const v of s.change) most = Math.max(most, Math.abs(v) / s.scale);
-      return [1e-17, 10 ** Math.min(3, Math.ceil(Math.log10(most) + 0.3))];
+    range() { // down to 1e-17, or to the largest change of each integral
+      const { D } = this, largest = D.series.map((s) => s.change.reduce((most, v) => Math.max(most, Math.abs(v) / s.scale), 0)).filter((v) => v > 0);
+      const most = Math.max(1e-14, D.band * Math.sqrt(D.steps), ...largest), least = Math.min(1e-17, ...largest.map((v) => v / 10));
+      return [10 ** Math.floor(Math.log10(least)), 10 ** Math.min(3, Math.ceil(Math.log10(most) + 0.3))];
     }
 
     shade(u, strip) { // shadows, below the lines

@@ -162,9 +162,9 @@ const Drawing = (() => {
     cage() {
       const r = this.D.radius, g = new T.Group();
       this.axes3.forEach((c, k) => {
-        const end = [0, 0, 0]; end[k] = 1.15 * r;
+        const end = [0, 0, 0]; end[k] = 1.08 * r;
         g.add(line(this, [end.map((v) => -v), end], this.colours.faint, 1.5, 0.8));
-        const name = word(`${this.D.letter}${c + 1}`, this.colours.ink, 0.03); name.position.set(...end.map((v) => 1.08 * v)); g.add(name);
+        const name = word(`${this.D.letter}${c + 1}`, this.colours.ink, 0.03); name.position.set(...end.map((v) => 1.07 * v)); g.add(name);
       });
       return g;
     }
