@@ -123,6 +123,14 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.nutation(BODY, XB), "Lagrange tops"),
     (lambda run: kr.nutation(run), "expected x0"),
     (lambda run: kr.cite("lagrange-top"), "kr.cite(run)"),
+    (
+        lambda run: physical.FreeBody.ellipsoid(semi_axes=(1, 2, 3)),
+        "FreeBody.ellipsoid has no argument 'semi_axes'. Its arguments are: mass, diameters,",
+    ),
+    (
+        lambda run: kr.sweep(WHEELED, {}, kr.Design(grid={"state.atitude": [1, 2]}), **GRID),
+        "expected spin, axis, attitude, momentum, got 'atitude'",
+    ),
     (lambda run: kr.code(TOP, X0, dt=0.1, language="fortran"), "expected one of c, cpp, cuda"),
     (lambda run: kr.propagator(TOP), "needs a step dt"),
     (lambda run: kr.propagator(TOP, X0, dt=0.1), "by name"),

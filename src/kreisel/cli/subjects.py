@@ -14,7 +14,7 @@ import kreisel
 from kreisel.cli import output
 from kreisel.cli.new import samples, system_named
 from kreisel.cli.output import AsJson, a_path, app, arg, opt, print_json, say, system_names
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, require_one_of, shown
 
 
 @app.command()
@@ -200,8 +200,10 @@ def code(
 
     Parameters, step and state are arguments of its functions; a TOML file or --set give default values.
     """
+    from kreisel.languages.dialects import LANGUAGES
     from kreisel.languages.source import code as text_of
 
+    require_one_of((*LANGUAGES, "fmu"), language, "--language")
     parameters = dict(output.parameter_of(text) for text in values or ())
     shape = {"link": link, "length": length, "density": density, "mass": mass}
     free = _free_body(subject, parameters, {k: v for k, v in shape.items() if v is not None})

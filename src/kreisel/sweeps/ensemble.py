@@ -423,7 +423,7 @@ def _started(body: Body, x0: Any, changes: Changes) -> State:
     for q, value in words.items():
         letter = frame.letters.get(q.letter)
         if letter is None or (letter == ORIENTATION and orientation is None):
-            names = (*letters, *frame.letters)
+            names = dict.fromkeys((*letters, *frame.letters))  # each once
             cause = "" if letters else " Of arguments of body.state give x0 as a dict, such as {'spin': (0, 0, 1)}."
             raise InputError(
                 f"{q.name}: expected {', '.join(names)}, got {shown(q.letter)}.{hint(q.letter, names)}{cause}"
