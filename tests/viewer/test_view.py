@@ -161,6 +161,9 @@ def test_an_asteroid_has_no_panels_and_goes_round_the_sun():
         assert bodies.PANEL not in array(data["meshes"][0]["colour"], "u1")
         assert [a["name"] for a in data["bodies"][0]["arrows"]] == ["Sun", "velocity"]
         assert data["legend"]["tip"].endswith("Sun") and data["charts"]["panels"][0]["title"].endswith("to Sun")
+    lit = kr.physical.Satellite(toutatis.inertia, toutatis.orbit, plates=[((1, 0, 0), (1, 0, 0), 1.0)], light=4.5e-6)
+    data = scene(kr.simulate(lit, lit.state((1e-5, 4e-6, 0)), dt="1 h", steps=2, progress=False))
+    assert [a["name"] for a in data["bodies"][0]["arrows"]] == ["Sun", "velocity"]
     moon = Asteroid.hyperion()
     run = kr.simulate(moon, moon.state((0, 0, 4e-6)), dt="1 h", steps=30, progress=False)
     assert panels_of(run)[0].title == "angle of the axis to nadir"

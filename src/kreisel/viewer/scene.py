@@ -385,6 +385,7 @@ def _meshes(bodies: list[Shown]) -> tuple[list[dict[str, Any]], list[int | None]
 def _packed_body(shown: Shown, name: str, mesh: int | None) -> dict[str, Any]:
     """Rotations as integers in units of 1/32767, far below a pixel; the tip only if no rotation gives it."""
     vectors = {"axis": shown.axis, "nose": shown.nose, "triad": shown.triad}
+    arrows = {shown.name_of(k): (ARROWS[k], v) for k, v in shown.arrows.items()}  # one to the Sun, nadir or not
     return {
         "name": _text(name),
         "mesh": mesh,
@@ -392,12 +393,8 @@ def _packed_body(shown: Shown, name: str, mesh: int | None) -> dict[str, Any]:
         "tip": None if shown.axis is not None else packed(shown.tip, "f4"),
         **{k: None if v is None else v.tolist() for k, v in vectors.items()},
         "arrows": [
-            {
-                "name": name_of_target(cast("Model", shown.model), k),
-                "colour": ARROWS[k],
-                "to": packed(np.round(SHORT * v), "i2"),
-            }
-            for k, v in shown.arrows.items()
+            {"name": name, "colour": colour, "to": packed(np.round(SHORT * v), "i2")}
+            for name, (colour, v) in arrows.items()
         ],
         "place": None if shown.around is None else packed(shown.around["position"] / _reach(shown.around), "f4"),
     }
