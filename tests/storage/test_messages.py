@@ -10,7 +10,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation, Slerp
 
 import kreisel as kr
-from kreisel.physical import FreeBody, Orbit, Satellite
+from kreisel.physical import Asteroid, FreeBody, Orbit, Satellite
 
 try:
     import spiceypy as spice
@@ -145,6 +145,14 @@ def test_orbit_message(tmp_path: Path) -> None:
     assert np.allclose((r[2:] - r[:-2]) / 120, v[1:-1], atol=5e-3)  # km/s
 
 
+def test_an_orbit_around_the_sun_names_it(tmp_path: Path) -> None:
+    kr.export(around_the_sun(), tmp_path / "a.oem", epoch=EPOCH, frame="ICRF", center="SUN")
+    text = (tmp_path / "a.oem").read_text()
+    assert "CENTER_NAME = SUN\nREF_FRAME = ICRF\n" in text
+    row = [float(x) for x in text.splitlines()[-1].split()[1:]]
+    assert np.linalg.norm(row[:3]) == pytest.approx(2.5321 * (1 - 0.6288) * 149_597_870.7, rel=1e-4)  # km
+
+
 def test_an_orbit_with_a_date_is_written_in_the_frame_of_j2000(tmp_path: Path) -> None:
     """The rows by the date of the orbit, rotated by the precession that ERFA has for it."""
     import erfa
@@ -216,9 +224,16 @@ def test_lvlh_angles_have_the_signs_of_pilots(angle: str, axis: int) -> None:
     assert np.allclose(values, 0.1 * np.eye(3)[axis], atol=1e-12)
 
 
+def around_the_sun() -> xr.Dataset:
+    body = Asteroid.toutatis()
+    return kr.simulate(body, body.state((1e-5, 0, 1e-6)), dt="1 h", steps=2, progress=False)
+
+
 BAD = {
     "no date": (lambda run: kr.export(run, "x.oem"), "epoch: expected the date"),
     "no satellite": (lambda run: kr.export(run, "x.oem", epoch=EPOCH), "the run of a satellite"),
+    "of the Sun": (lambda run: kr.export(around_the_sun(), "x.oem", epoch=EPOCH, frame="ICRF"), "frame, center: .*SUN"),
+    "its space": (lambda run: kr.export(around_the_sun(), "x.aem", epoch=EPOCH), "frame, center: expected the frame"),
     "label": (lambda run: kr.export(run, "x.bc", epoch=EPOCH, nmae="a"), "got nmae. Did you mean 'name'"),
     "label of a table": (lambda run: kr.export(run, "x.csv", name="a"), r"name: expected a file that ends in \.aem"),
     "frame": (

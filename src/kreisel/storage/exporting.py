@@ -91,7 +91,8 @@ def export(
     a satellite, `.oem` is the orbit ephemeris message.  They need `epoch`, the date of time 0: "2026-01-01T00:00:00",
     or any argument of numpy.datetime64, unless the orbit has a date.  Labels, all optional:
 
-    frame        of space; default: "EME2000", to which an orbit of the Earth with a date is rotated
+    frame        of space; default: "EME2000", to which an orbit of the Earth with a date is rotated; required, as the
+                 center of an .oem, for orbits of other primaries
     time_system  of `epoch`: "UTC";  time_unit, s, for other runs than of a body
     name, identifier, center, originator     "BODY", "0000-000A", "EARTH", "KREISEL"
     spacecraft   NAIF's number, -999; the body is its instrument 1000 spacecraft
@@ -440,9 +441,14 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
     start = date_of(dated or epoch, "epoch")
     if dated and epoch is not None and date_of(epoch, "epoch") != start:
         raise InputError(f"epoch: expected {start}, the date of the orbit, or none, got {shown(epoch)}.")
+    of_earth = (abs(np.asarray(parameters_of(run).get("mu", EARTH)) / EARTH - 1) < NEAR).all()
+    if not of_earth and not {"frame", *("center",) * (out.suffix.lower() == ".oem")} <= labels.keys():
+        raise InputError(
+            "frame, center: expected the frame of the elements and the primary of an orbit that is not of the Earth, "
+            "such as kr.export(run, 'body.oem', frame='EME2000', center='SUN'), got none."
+        )
     if chosen["frame"] is None:
-        mu = np.asarray(parameters_of(run).get("mu", 0.0))
-        turn = to_j2000(start) if dated and (abs(mu / EARTH - 1) < NEAR).all() else turn
+        turn = to_j2000(start) if dated else turn
         chosen["frame"] = "EME2000"
     MESSAGES[out.suffix.lower()](Rows(run, out, start, seconds, unit, chosen, overwrite, turn))
 
