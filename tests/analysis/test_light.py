@@ -189,3 +189,8 @@ def test_bad_input():
     ):
         with pytest.raises(InputError, match=message):
             call()
+
+
+def test_degrees_for_radians():
+    with pytest.warns(InputWarning, match="phase: expected D below pi, got 10 rad"):
+        brightness(AXES, phase=(0.5, 10.0, -0.01))

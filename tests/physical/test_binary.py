@@ -403,5 +403,7 @@ def test_bad_input() -> None:
     for call, words in cases:
         with pytest.raises(kr.InputError, match=words):
             call()
+    with pytest.warns(kr.InputWarning, match=r"diameters: expected at most 22600 kg/m\^3, got 2.41e\+12.*km for m"):
+        GravityBody.ellipsoid(5e11, (0.8, 0.8, 0.62))
     assert Orbit(7e6, epoch="2026-12-28T00:00:00 UTC").epoch == Orbit(7e6, epoch="2026-12-28").epoch
     STRONG.state((5000, 0, 0), (-0.1, 0.3, 0), unbound=True)

@@ -27,7 +27,7 @@ import xarray as xr
 from kreisel import algebra
 from kreisel.algebra import Array, dot, vec
 from kreisel.analysis.quantities import rows_of
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.physical.shapes import Facets
 from kreisel.record.table import Table
@@ -113,7 +113,8 @@ def brightness(shape: Any, *, law: Any = "lommel-seeliger", phase: Any = None) -
     shape   half axes (3,) of an ellipsoid, or `kr.physical.Facets`
     law     "lommel-seeliger", "lambert", "geometric", "damit", or weights: {"lommel-seeliger": 1, "lambert": 0.1} is
             "damit".  Lambert's law has no closed form for ellipsoids: `Facets.ellipsoid`
-    phase   (A, D, k) of f(alpha) = A exp(-alpha/D) + k alpha + 1, alpha in rad; default: f = 1
+    phase   (A, D, k) of f(alpha) = A exp(-alpha/D) + k alpha + 1, alpha in rad; default: f = 1.  Raises `InputError`
+            for f <= 0 at an angle, warns with `InputWarning` of D above pi
 
     The function works on arrays of NumPy and of JAX, with derivatives: with the orientation g of an observable of
     `kr.fit` it is f(g.T @ sun, g.T @ observer).  Raises `InputError`.
@@ -148,6 +149,8 @@ def phase_function(phase: Any) -> Callable[[Array, Array], Any]:
     A, D, k = si_numbers(phase, "1", "phase", ((3,),))
     if D == 0:
         raise InputError(f"phase: expected (A, D, k) with D other than 0, got {shown(phase)}.")
+    if abs(D) > np.pi:
+        doubt(f"phase: expected D below pi, got {D:g} rad. Usual cause: degrees for radians, in k too.")
 
     def factor(s: Array, o: Array) -> Array:
         alpha = _angle(s, o)

@@ -16,7 +16,7 @@ from kreisel.algebra.gradient import value_and_gradient
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES, binary as formulas_of_pairs, satellite
 from kreisel.bodies.binary import G
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.physical.body import Varied
 from kreisel.physical.measures import (
     attitude_quaternion,
@@ -41,6 +41,7 @@ ELEMENTS = ("semi_major_axis", "eccentricity", "inclination", "node", "perigee",
 formulas = cast("Any", formulas_of_pairs)  # of a page, without types
 expansion = cast("Any", satellite)  # of a page, without types
 WEIGHTS = {l: [(2 - (m == 0)) * math.factorial(l - m) / math.factorial(l + m) for m in range(l + 1)] for l in (3, 4)}  # noqa: E741
+DENSEST = 22_600.0  # kg/m^3, osmium
 NODES = 4  # of Gauss's rules: exact for polynomials of degree 7
 
 
@@ -79,10 +80,16 @@ class GravityBody:
 
     @classmethod
     def ellipsoid(cls, mass: Any, diameters: Any, love: Any = 0.0, lag: Any = 0.0) -> GravityBody:
-        """The homogeneous ellipsoid with these principal diameters, m, the body axes along them."""
+        """The homogeneous ellipsoid with these principal diameters, m, the body axes along them.
+
+        Warns with `InputWarning` if it is denser than any element.
+        """
         halves = si_numbers(diameters, "m", "diameters", ((3,),)) / 2
         if not (halves > 0).all():
             raise InputError(f"diameters: expected three values > 0, got {shown(diameters)}.")
+        density = si_number(mass, "kg", "mass", positive=True) / (4 / 3 * math.pi * halves.prod())
+        if density > DENSEST:
+            doubt(f"diameters: expected at most {DENSEST:g} kg/m^3, got {density:.3g}. Usual cause: km for m.")
         directions, weights = _sphere()
         radii, of_radii = np.polynomial.legendre.leggauss(NODES)
         radii, of_radii = (radii + 1) / 2, of_radii / 2 * 3 * ((radii + 1) / 2) ** 2
