@@ -1,6 +1,6 @@
 """Memory of `kreisel run` over 10^9 steps with every = 1000, at each tenth of its way; archive, drift table and figure.
 
-python benchmarks/memory.py [STEPS]      writes benchmarks/results/memory.json
+python benchmarks/memory.py [STEPS]      writes benchmarks/results/memory.json for 10^9 steps, else only prints
 """
 
 from __future__ import annotations
@@ -14,7 +14,10 @@ import tempfile
 import time
 from pathlib import Path
 
+from cases import RESULTS, write
+
 HERE = Path(__file__).parent
+STEPS = 10**9  # of the committed results
 
 
 def resident(process: int) -> float:
@@ -27,7 +30,7 @@ def resident(process: int) -> float:
 
 
 def main() -> None:
-    steps = int(float(sys.argv[1])) if len(sys.argv) > 1 else 10**9
+    steps = int(float(sys.argv[1])) if len(sys.argv) > 1 else STEPS
     text = (HERE.parent / "examples" / "lagrange-top.toml").read_text(encoding="utf-8")
     text = text.replace("steps = 1_000_000", f"steps = {steps}").replace(
         "every = 2", f"every = {max(1, steps // 10**6)}"
@@ -62,10 +65,9 @@ def main() -> None:
         "archive_MB": round(disk / 1e6),
         "worst_ulps": round(worst, 3),
     }
-    path = HERE / "results" / "memory.json"
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(result, indent=1))
+    if steps == STEPS:
+        write(result, RESULTS / "memory.json")
 
 
 if __name__ == "__main__":

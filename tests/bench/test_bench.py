@@ -41,6 +41,24 @@ def test_without_a_compiler_the_comparison_is_left_out(
     assert "g++ is not on the PATH" in printed
 
 
+@pytest.mark.parametrize("name", ["memory", "code_single"])
+def test_a_short_run_of_a_benchmark_is_only_printed(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """The committed results of 10^9 steps stay; a complete run, of as few, writes them."""
+    if name == "code_single" and bench.compiler() is None:
+        pytest.skip("no g++")
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    script = importlib.import_module(name)
+    monkeypatch.setattr(script, "RESULTS", tmp_path)
+    monkeypatch.setattr("sys.argv", [name, "10000"])
+    script.main()
+    assert "10000" in capsys.readouterr().out and not [*tmp_path.iterdir()]
+    monkeypatch.setattr(script, "STEPS" if name == "memory" else "FRAMES", 10_000)
+    script.main()
+    assert len([*tmp_path.iterdir()]) == 1
+
+
 @pytest.mark.skipif(bench.compiler() is None, reason="no g++")
 @pytest.mark.usefixtures("quick")
 def test_with_a_compiler_the_kernels_are_compared() -> None:
