@@ -32,25 +32,6 @@ YOUNG = 1.0  # seconds in which a new folder may not yet be locked
 LOCK_REMEDY = "A lock is there while an archive is written: move it away, or choose another path."
 
 
-def _held(path: Path) -> BaseFileLock | None:
-    """A lock on a file, which is created for it; None if another process holds it.  Raises `OSError`."""
-    from filelock import FileLock, Timeout  # some 40 modules, not needed by runs in memory
-
-    lock = FileLock(path)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        return None
-    return lock
-
-
-def _given_back(lock: BaseFileLock) -> None:
-    """Release a lock and remove its file, while the lock is held, so no other process locks a removed file."""
-    with contextlib.suppress(OSError):  # Windows removes it only after the release
-        os.unlink(lock.lock_file)
-    lock.release()
-
-
 class Lock:
     """One writer: NAME.lock.  Raises `InputError` if there is another writer, `RunError` if no file can be created."""
 
@@ -75,6 +56,25 @@ class Lock:
 
     def __exit__(self, *raised: object) -> None:
         _given_back(self._held)
+
+
+def _held(path: Path) -> BaseFileLock | None:
+    """A lock on a file, which is created for it; None if another process holds it.  Raises `OSError`."""
+    from filelock import FileLock, Timeout  # some 40 modules, not needed by runs in memory
+
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        return None
+    return lock
+
+
+def _given_back(lock: BaseFileLock) -> None:
+    """Release a lock and remove its file, while the lock is held, so no other process locks a removed file."""
+    with contextlib.suppress(OSError):  # Windows removes it only after the release
+        os.unlink(lock.lock_file)
+    lock.release()
 
 
 @contextlib.contextmanager

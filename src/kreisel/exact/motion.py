@@ -57,45 +57,6 @@ MotionState = tuple[Array, Array, Array]
 NONE, UNTURNED = Fraction(0), np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Array:
-    """Bounds of the Taylor coefficients of m, b and q, relative to the size of each: `_taylor` of lengths, (ORDERS,).
-
-    From the greatest |m - turning|, |b||p| and the mean rotations.
-    """
-    ws, bs, qs = np.zeros((3, ORDERS))
-    ws[0], bs[0], qs[0] = rates, 1.0, 1.0
-    for k in range(ORDERS - 1):
-        back = slice(k, None, -1)
-        ws[k + 1] = (bp * bs[k] + turning * ws[k]) / (k + 1)
-        bs[k + 1] = ws[: k + 1] @ bs[back] / (k + 1)
-        qs[k + 1] = (ws[: k + 1] @ qs[back] + spinning * qs[k]) / (2 * (k + 1))
-    return np.max([ws / max(rates, math.sqrt(bp)), bs, qs], 0)
-
-
-def _taylor(binary: int, m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array) -> Array:
-    """The m, b and q as power series, (ORDERS, 10), from integers of `binary` binary places.
-
-    m' = p x b - turning x m,  b' = (m - turning) x b,  2 q' = (m - turning) q + q spinning.
-    """
-    w, b, q = ([[x] for x in v] for v in (m - turning, b, q))  # w = m - turning: of each coordinate its series
-    for k in range(1, ORDERS):
-        (now, b_now, (scalar, *u)), (q0, *qs) = ([x[-1] for x in v] for v in (w, b, q)), q
-        forces = zip(crossed(p, b_now), crossed(turning, now), strict=True)
-        rates = crossed(w, b, convolved)
-        lean = -sum(map(convolved, w, qs)) - sum(map(mul, u, spinning))
-        leans = zip(
-            (convolved(x, q0) for x in w), crossed(w, qs, convolved), crossed(u, spinning), spinning, strict=True
-        )
-        turns = [lean, *(x + y + z + scalar * s for x, y, z, s in leans)]
-        for series, new in zip((*w, *b, *q), [x - y for x, y in forces] + rates + turns, strict=True):
-            series.append((new >> binary) // k)
-        for series in q:
-            series[-1] >>= 1
-    out = np.array([*w, *b, *q], dtype=object).T
-    out[0, :3] += turning
-    return out
-
-
 @dataclass(frozen=True)
 class Leap:
     """`count` times D_eps with the constant r, then rotations about p and the axis, as quaternions."""
@@ -446,3 +407,42 @@ def _unit_vector(x: Array) -> Array:
     x = x * 2.0 ** -min(max(math.frexp(float(abs(x).max()))[1], -1000), 1000)  # exactly; the square may underflow
     length = math.sqrt(algebra.dot(x, x))
     return np.asarray(x / length if length else x, dtype=np.float64)
+
+
+def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Array:
+    """Bounds of the Taylor coefficients of m, b and q, relative to the size of each: `_taylor` of lengths, (ORDERS,).
+
+    From the greatest |m - turning|, |b||p| and the mean rotations.
+    """
+    ws, bs, qs = np.zeros((3, ORDERS))
+    ws[0], bs[0], qs[0] = rates, 1.0, 1.0
+    for k in range(ORDERS - 1):
+        back = slice(k, None, -1)
+        ws[k + 1] = (bp * bs[k] + turning * ws[k]) / (k + 1)
+        bs[k + 1] = ws[: k + 1] @ bs[back] / (k + 1)
+        qs[k + 1] = (ws[: k + 1] @ qs[back] + spinning * qs[k]) / (2 * (k + 1))
+    return np.max([ws / max(rates, math.sqrt(bp)), bs, qs], 0)
+
+
+def _taylor(binary: int, m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array) -> Array:
+    """The m, b and q as power series, (ORDERS, 10), from integers of `binary` binary places.
+
+    m' = p x b - turning x m,  b' = (m - turning) x b,  2 q' = (m - turning) q + q spinning.
+    """
+    w, b, q = ([[x] for x in v] for v in (m - turning, b, q))  # w = m - turning: of each coordinate its series
+    for k in range(1, ORDERS):
+        (now, b_now, (scalar, *u)), (q0, *qs) = ([x[-1] for x in v] for v in (w, b, q)), q
+        forces = zip(crossed(p, b_now), crossed(turning, now), strict=True)
+        rates = crossed(w, b, convolved)
+        lean = -sum(map(convolved, w, qs)) - sum(map(mul, u, spinning))
+        leans = zip(
+            (convolved(x, q0) for x in w), crossed(w, qs, convolved), crossed(u, spinning), spinning, strict=True
+        )
+        turns = [lean, *(x + y + z + scalar * s for x, y, z, s in leans)]
+        for series, new in zip((*w, *b, *q), [x - y for x, y in forces] + rates + turns, strict=True):
+            series.append((new >> binary) // k)
+        for series in q:
+            series[-1] >>= 1
+    out = np.array([*w, *b, *q], dtype=object).T
+    out[0, :3] += turning
+    return out

@@ -42,19 +42,6 @@ if TYPE_CHECKING:
     OrientationLike: TypeAlias = ArrayLike | Rotation  # a rotation matrix, a quaternion (w, x, y, z), a Rotation
 
 
-def _check(p: Parameter, value: Array) -> None:
-    if p.check is not None:
-        with np.errstate(all="ignore"):
-            for entry in value if p.rank is not None and value.ndim > p.rank else (value,):
-                p.check(entry, p.letter)
-
-
-def _single(p: Parameter, value: Array) -> int:
-    """The axes of a parameter in the user's form, without axes of lanes: a matrix may be given by its diagonal."""
-    diagonals = p.kind == "symmetric" and value.ndim == 2 and value.shape[0] != value.shape[1]
-    return 1 if diagonals else axes_of(p, value)
-
-
 class State(Mapping[str, Array]):
     """Named components of a state, e.g. `x["m"]` or `x.m`; skew matrices are (..., n, n).
 
@@ -382,3 +369,16 @@ class Model:
                 "Use method='variational', or a system with a map (kreisel systems)."
             )
         return self.system.map
+
+
+def _check(p: Parameter, value: Array) -> None:
+    if p.check is not None:
+        with np.errstate(all="ignore"):
+            for entry in value if p.rank is not None and value.ndim > p.rank else (value,):
+                p.check(entry, p.letter)
+
+
+def _single(p: Parameter, value: Array) -> int:
+    """The axes of a parameter in the user's form, without axes of lanes: a matrix may be given by its diagonal."""
+    diagonals = p.kind == "symmetric" and value.ndim == 2 and value.shape[0] != value.shape[1]
+    return 1 if diagonals else axes_of(p, value)

@@ -21,31 +21,6 @@ from kreisel.sweeps.design import SECTIONS, Lanes
 LANE = "lane"
 
 
-class _Folded(BackendArray):
-    """A variable whose axis of lanes is the product of several."""
-
-    def __init__(self, flat: xr.Variable, sizes: tuple[int, ...]):
-        self.flat, self.sizes, self.place = flat, sizes, flat.dims.index(LANE)
-        self.dtype = flat.dtype
-        self.shape = (*flat.shape[: self.place], *sizes, *flat.shape[self.place + 1 :])
-
-    def __getitem__(self, key: Any) -> Any:
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._values)
-
-    def _values(self, key: tuple[Any, ...]) -> Array:
-        before, after = key[: self.place], key[self.place + len(self.sizes) :]
-        grid = key[self.place : self.place + len(self.sizes)]
-        index = [np.atleast_1d(np.arange(size)[k]) for k, size in zip(grid, self.sizes, strict=True)]
-        lanes, back = np.unique(np.ravel_multi_index(np.ix_(*index), self.sizes).ravel(), return_inverse=True)
-        together = len(lanes) > 0 and lanes[-1] - lanes[0] == len(lanes) - 1
-        chosen: Any = slice(int(lanes[0]), int(lanes[-1]) + 1) if together else lanes
-        values = np.asarray(self.flat[(*before, chosen, *after)].values)
-        axis = sum(np.ndim(k) > 0 or isinstance(k, slice) for k in before)
-        shape = tuple(len(i) for i, k in zip(index, grid, strict=True) if np.ndim(k) > 0 or isinstance(k, slice))
-        result = values.take(back, axis)
-        return result.reshape(*result.shape[:axis], *shape, *result.shape[axis + 1 :])
-
-
 def gridded(run: xr.Dataset) -> xr.Dataset:
     """A sweep by lane as a sweep by grid: dimensions of the quantities' names, then list and draw if present.
 
@@ -99,3 +74,28 @@ def open_run(path: str | os.PathLike[str], *, grid: bool = False) -> xr.Dataset:
     """
     run = open_archive(target(path))
     return gridded(run) if grid and "kreisel_sweep" in run.attrs else run
+
+
+class _Folded(BackendArray):
+    """A variable whose axis of lanes is the product of several."""
+
+    def __init__(self, flat: xr.Variable, sizes: tuple[int, ...]):
+        self.flat, self.sizes, self.place = flat, sizes, flat.dims.index(LANE)
+        self.dtype = flat.dtype
+        self.shape = (*flat.shape[: self.place], *sizes, *flat.shape[self.place + 1 :])
+
+    def __getitem__(self, key: Any) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._values)
+
+    def _values(self, key: tuple[Any, ...]) -> Array:
+        before, after = key[: self.place], key[self.place + len(self.sizes) :]
+        grid = key[self.place : self.place + len(self.sizes)]
+        index = [np.atleast_1d(np.arange(size)[k]) for k, size in zip(grid, self.sizes, strict=True)]
+        lanes, back = np.unique(np.ravel_multi_index(np.ix_(*index), self.sizes).ravel(), return_inverse=True)
+        together = len(lanes) > 0 and lanes[-1] - lanes[0] == len(lanes) - 1
+        chosen: Any = slice(int(lanes[0]), int(lanes[-1]) + 1) if together else lanes
+        values = np.asarray(self.flat[(*before, chosen, *after)].values)
+        axis = sum(np.ndim(k) > 0 or isinstance(k, slice) for k in before)
+        shape = tuple(len(i) for i, k in zip(index, grid, strict=True) if np.ndim(k) > 0 or isinstance(k, slice))
+        result = values.take(back, axis)
+        return result.reshape(*result.shape[:axis], *shape, *result.shape[axis + 1 :])

@@ -28,34 +28,6 @@ CLOSING = 20.0  # seconds after which they are killed
 ANSWER = 20.0  # seconds in which the scheduler of another cluster must answer
 
 
-@contextlib.contextmanager
-def _at_once(stop: Stop) -> Iterator[None]:
-    """A context in which Ctrl-C and SIGTERM end the present block at once; it is computed again on resuming.
-
-    Main thread only.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    inside = False
-
-    def end(number: int, frame: FrameType | None) -> None:
-        stop.signal = number
-        if inside:
-            raise KeyboardInterrupt
-
-    with signals_to(end):
-        try:
-            try:
-                inside = True
-                yield
-            finally:
-                inside = False  # a signal that arrives while the handlers are restored
-        except KeyboardInterrupt:
-            if stop.signal is None:
-                raise
-
-
 class Here:
     """The process itself, one item after the other."""
 
@@ -203,6 +175,34 @@ def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> I
         if sys.stderr.isatty() if progress is None else progress:
             print(f"dashboard: {client.dashboard_link}", file=sys.stderr)
         yield Pool(client, scheduler)
+
+
+@contextlib.contextmanager
+def _at_once(stop: Stop) -> Iterator[None]:
+    """A context in which Ctrl-C and SIGTERM end the present block at once; it is computed again on resuming.
+
+    Main thread only.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    inside = False
+
+    def end(number: int, frame: FrameType | None) -> None:
+        stop.signal = number
+        if inside:
+            raise KeyboardInterrupt
+
+    with signals_to(end):
+        try:
+            try:
+                inside = True
+                yield
+            finally:
+                inside = False  # a signal that arrives while the handlers are restored
+        except KeyboardInterrupt:
+            if stop.signal is None:
+                raise
 
 
 @contextlib.contextmanager

@@ -15,7 +15,6 @@ from kreisel.lab.paper.setting import Curve, Diagonal, Eps, Lam, Rotation, Setti
 from kreisel.lab.paper.statements import (
     gradient,
     half,
-    outer,
     printed_law,
     right_derivative,
     series,
@@ -24,6 +23,7 @@ from kreisel.lab.paper.statements import (
     trace_log_of,
 )
 from kreisel.system import clebsch, clebsch_body, neumann
+from kreisel.system.clebsch_body import outer
 
 CLEBSCH = clebsch.SYSTEM
 LAWS = {

@@ -13,9 +13,10 @@ from kreisel.lab.exact import generator
 from kreisel.lab.law import Sides
 from kreisel.lab.paper.fields import FAMILY, FIELDS
 from kreisel.lab.paper.setting import Diagonal, Eps, Lam, Rotation, Scalar, Setting, Skew, Unit, Vector
-from kreisel.lab.paper.statements import half, outer, series, stated, stated_laws, trace_log_of
+from kreisel.lab.paper.statements import half, series, stated, stated_laws, trace_log_of
 from kreisel.lab.paper.tops import momentum
 from kreisel.system import clebsch, clebsch_general, heavy_top, kirchhoff, lagrange_top, lagrange_top_moving, neumann
+from kreisel.system.clebsch_body import outer
 
 EARLIER = "Introduction, the map of Bobenko and Suris 1999"
 ONE = identity(2)

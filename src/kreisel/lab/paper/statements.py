@@ -255,11 +255,6 @@ def rank(vectors: Array) -> int:
     return count
 
 
-def outer(x: Array) -> Array:
-    """x x^T."""
-    return x[..., :, None] * x[..., None, :]
-
-
 def half(w: Array) -> Array:
     """(w - I)/(w + I), written as in the paper."""
     n = w.shape[-1]

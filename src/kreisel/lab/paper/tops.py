@@ -17,7 +17,6 @@ from kreisel.lab.paper.statements import (
     gradient,
     half,
     left_derivative,
-    outer,
     printed_law,
     right_derivative,
     series,
@@ -26,6 +25,7 @@ from kreisel.lab.paper.statements import (
     trace_log_of,
 )
 from kreisel.system import lagrange_top, lagrange_top_moving, symmetric_top
+from kreisel.system.clebsch_body import outer
 
 TOP, MOVING = lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM
 LAWS = {
