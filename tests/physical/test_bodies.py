@@ -304,6 +304,26 @@ def test_a_sweep_that_cannot_be(case: str, tmp_path: Path) -> None:
         kr.sweep(BODIES["free"], x0, over=over, dt=1, steps=1, path=tmp_path / "s.zarr", workers=0)
 
 
+def test_attitudes_are_drawn_for_bodies_that_are_created_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A spin that decays along a principal axis, from any attitude: L = L_0 e^(-rub t/I); two bodies of 20 lanes."""
+    created, original = list[object](), FreeBody._with_functions
+    monkeypatch.setattr(FreeBody, "_with_functions", lambda *a: created.append(a) or original(*a))
+    body = FreeBody((0.2, 0.3, 0.4), torque=lambda Omega, *, rub: -rub * Omega, params={"rub": 0.1})
+    draws = {"random": {"state.attitude": {"sphere": 1.0}, "state.spin": {"sphere": 2.0}}, "draws": 20, "rng": 3}
+    settings: dict[str, Any] = {"dt": 0.05, "t_end": 1.0, "workers": 0, "save": ["trajectories"]}
+    design = kr.Design(grid={"body.params.rub": [0.1, 0.2]}, **draws)
+    found = kr.sweep(body, {"spin": (0, 0, 1)}, design, path=tmp_path / "s.zarr", **settings)
+    assert len(created) <= 6
+    assert found.attitude.shape[1:] == (2, 20, 4) and not found.failed.any()
+    q, spin = (kr.open_run(tmp_path / "s.zarr")[f"state.{name}"].values for name in ("attitude", "spin"))
+    assert np.allclose((q**2).sum(-1), 1) and np.allclose((spin**2).sum(-1), 4) and np.ptp(q[:, 0]) > 0.5
+    assert np.allclose(found.attitude[0].values.reshape(40, 4), q, atol=1e-14)
+    axis = kr.Design(grid={"body.params.rub": [0.1, 0.2]}, random={"state.attitude": {"sphere": 1.0}}, draws=5, rng=3)
+    found = kr.sweep(body, {"spin": (0, 0, 1)}, axis, path=tmp_path / "a.zarr", **settings)
+    expected = 0.4 * np.exp(-np.array([0.1, 0.2]) / 0.4)
+    assert np.allclose(found.momentum[-1, ..., 2], expected[:, None], rtol=1e-9)
+
+
 def test_a_body_is_fitted_and_differentiated_in_si() -> None:
     """The momentum at the start, from rates in deg/s along the axes given; and the derivative by differences."""
     body, x0 = BODIES["free"], state("free")

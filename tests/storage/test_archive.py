@@ -89,6 +89,18 @@ def test_full_disk(top: object, x0: object, tmp_path: Path, monkeypatch: pytest.
     assert not part.exists()
 
 
+def test_rows_of_a_checkpoint_survive_a_full_disk_before_the_first_block(
+    top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kr.simulate(top, x0, path=tmp_path / "whole.zarr", **OPTIONS)
+    fail_after(0, errno.ENOSPC, monkeypatch)
+    with pytest.raises(kr.RunError, match=r"disk is full.*kreisel resume"):
+        kr.simulate(top, x0, path=tmp_path / "run.zarr", **OPTIONS)
+    monkeypatch.undo()
+    resumed, whole = kr.resume(tmp_path / "run.zarr"), kr.open_run(tmp_path / "whole.zarr")
+    assert resumed.a.values.tobytes() == whole.a.values.tobytes()
+
+
 def test_interrupted_run_keeps_its_rows(
     top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

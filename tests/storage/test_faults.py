@@ -129,6 +129,15 @@ def test_a_disk_that_fails_at_any_write(
     assert same(values(path), values(tmp_path / "whole.zarr"))
 
 
+def test_netcdf_needs_a_disk_that_holds_it(top: object, x0: object, disk: Path) -> None:
+    """HDF5 ends the process on a full disk, so the room is measured before."""
+    run = kr.simulate(top, x0, dt=0.1, steps=2000)
+    ballast(disk, 100_000)
+    with pytest.raises(kr.InputError, match=r"expected a disk with at least .* free"):
+        kr.export(run, disk / "run.nc")
+    assert not list(disk.glob("*run*"))
+
+
 def test_a_read_only_disk(top: object, x0: object, disk: Path) -> None:
     kr.simulate(top, x0, path=disk / "run.zarr", dt=0.1, steps=20)
     subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True, timeout=20)

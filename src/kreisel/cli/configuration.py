@@ -166,8 +166,10 @@ def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder
     if not of_scaled_system(model, tables["sweep"]):
 
         def bodies(changes: list[dict[str, Any]]) -> Body:
-            members = []
+            members = dict[int, Any]()
             for lane, changes_of_lane in enumerate(changes):
+                if id(changes_of_lane) in members:  # of a body like that of an earlier lane
+                    continue
                 table, faults = copy.deepcopy(dict(tables["body"])), Faults()
                 for name, change in changes_of_lane.items():
                     *sections, key = name.split(".")
@@ -175,9 +177,9 @@ def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder
                     for section in sections:
                         inner = inner.setdefault(section, {})
                     inner[key] = change(inner.get(key))
-                members.append(_body({**tables, "body": table}, folder, faults).body)
+                members[id(changes_of_lane)] = _body({**tables, "body": table}, folder, faults).body
                 faults.report(f"Lane {lane}")
-            return Ensemble(members)
+            return Ensemble([members[id(changes_of_lane)] for changes_of_lane in changes])
 
         return of_body_in_si(subject.body, tables["state"], run, tables["sweep"], bodies)
     frame = {"body": model.body_frame.table} if model.body_frame else {}

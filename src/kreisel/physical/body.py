@@ -215,7 +215,10 @@ class Ensemble(Body):
     def _joined(self) -> None:
         """The bodies as lanes, with a common unit of time, and their model."""
         for differ in (False, True):
-            self.members = [body._as_lane(self.bodies, differ) for body in self.bodies]
+            distinct = {
+                id(body): body._as_lane(self.bodies, differ) for body in {id(b): b for b in self.bodies}.values()
+            }
+            self.members = [distinct[id(body)] for body in self.bodies]
             models = _call_in_lanes(lambda body: body.model(), [{"body": body} for body in self.members])
             first, frames = models[0], [model.body_frame for model in models]
             alike = len({model.system.name for model in models}) == 1 and all(f.is_like(frames[0]) for f in frames)
@@ -294,11 +297,14 @@ def _functions(body: Any) -> tuple[Any, ...]:
 
 
 def _call_in_lanes(call: Callable[..., Any], lanes: Sequence[Arguments]) -> list[Any]:
-    """call(**arguments) of each lane.  Raises `InputError` with the lane."""
-    out = []
+    """call(**arguments) of each lane, once for the same objects.  Raises `InputError` with the lane."""
+    out, results = [], dict[tuple[int, ...], Any]()
     for lane, arguments in enumerate(lanes):
+        key = tuple(map(id, arguments.values()))
         try:
-            out.append(call(**arguments))
+            if key not in results:
+                results[key] = call(**arguments)
+            out.append(results[key])
         except InputError as error:
             raise InputError(f"Lane {lane}: {error}") from error
     return out

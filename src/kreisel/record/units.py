@@ -26,6 +26,7 @@ ORTHOGONAL = 1e-9
 ORIENTATION = "g"
 MOST_AXES = 4  # lists within lists
 QUANTITY = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?\s*(?P<unit>[A-Za-zµ°%].*)", re.IGNORECASE)
+SEPARATED = re.compile(r",|\d\s+(?!1/)[\d.]")  # within a number, but not in "3 1/s"
 AXES, STATE, BODY = "axes", "state", "body"  # the attribute of variables with components in the body, its values
 
 
@@ -269,7 +270,10 @@ def si(value: Any, unit: str, name: str) -> Any:
         value = (algebra.lanes_in_front(value).values, stated)
     value = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "OU" else value
     if isinstance(value, str):
-        value = parsed(registry().Quantity, value, f"{name} must be a quantity such as '1 {unit}'")
+        expected = f"{name} must be a quantity such as '1 {unit}'"
+        if SEPARATED.search(value):  # pint reads 15 in "1,5", and 1 times 500 in "1 500"
+            raise InputError(f"{expected}, got {shown(value)}: write 1.5 and 1500, without a comma or space in them.")
+        value = parsed(registry().Quantity, value, expected)
     elif one_unit(value):
         try:
             entries = np.asarray(value[0], dtype=np.float64)

@@ -45,6 +45,7 @@ from kreisel.runs.geometry import (
     velocity_of,
 )
 from kreisel.runs.in_si import VELOCITY, is_in_si
+from kreisel.runs.planning import require_room
 from kreisel.runs.run_record import RunRecord, frame_of
 from kreisel.runs.settings import flag, positive_number
 from kreisel.storage.archive import EXPORTS, target
@@ -158,6 +159,7 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
     example = _presented(run.isel({_lead(run): slice(0, 1)}) if _lead(run) else run)
     types = {k: v.dtype for k, v in example.variables.items()}
     _require_plain(types, "NetCDF")
+    require_room(out, run.nbytes, "A full disk ends the process within HDF5; .parquet and .csv report it.")
     with h5netcdf.File(out, "w") as file:
         sizes = {str(k): run.sizes.get(k, size) for k, size in example.sizes.items()}
         file.dimensions = sizes

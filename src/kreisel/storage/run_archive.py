@@ -111,6 +111,7 @@ class RunArchive:
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         stopped = isinstance(error, Stopped | KeyboardInterrupt)
+        stopped |= self._last is not None and isinstance(getattr(error, "__cause__", None), OSError)  # a full disk
         if error is not None and not (stopped or self._worth_keeping):
             with contextlib.suppress(OSError, InputError):
                 archive.remove(self.part)

@@ -209,6 +209,8 @@ class Lanes:
             shape = np.broadcast_shapes(start, *(b.shape for b in bounds))
         except ValueError:
             raise InputError(f"{quantity.name}: the shapes of its value and of the bounds do not fit.") from None
+        if kind == "sphere" and self._words and shape == () and not quantity.index:
+            shape = (4,) if "attitude" in quantity.letter else (3,)
         if kind == "sphere" and len(shape) != 1:
             raise InputError(f"{quantity.name}: sphere draws a vector; give the vector in [{quantity.section}] too.")
         if kind == "loguniform" and not all((b > 0).all() for b in bounds):

@@ -345,7 +345,9 @@ def of_body_in_si(
     if system := next((q.name for q in values if q.section == "system"), None):
         raise InputError(f"{system}: expected body.NAME, state.NAME or run.NAME next to values of a body in SI.")
     values_by_lane = [{q: v[lane].tolist() for q, v in values.items()} for lane in range(lanes.total)]
-    changes = [_of_body({q: v for q, v in lane.items() if q.section == "body"}) for lane in values_by_lane]
+    of_bodies = [{q: v for q, v in lane.items() if q.section == "body"} for lane in values_by_lane]
+    distinct = dict[str, dict[str, Any]]()
+    changes = [distinct.setdefault(repr(lane), _of_body(lane)) for lane in of_bodies]  # equal bodies are created once
     many = bodies(changes) if any(changes) else body
     if any(changes) and isinstance(x0, State):
         raise InputError(
