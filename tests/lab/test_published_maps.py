@@ -8,9 +8,10 @@ from fractions import Fraction as F
 import numpy as np
 import pytest
 
+import kreisel as kr
 from kreisel.algebra import objects
 from kreisel.errors import InputError, RunError
-from kreisel.lab import brackets, darboux, dynamics
+from kreisel.lab import brackets, darboux, dynamics, integrals, search
 from kreisel.lab.growth import fitted_growth, singularities
 from kreisel.lab.investigation import Investigation, investigate
 from kreisel.lab.subject import subject
@@ -194,3 +195,45 @@ def test_an_orbit_into_a_point_without_derivative() -> None:
     cat = looked_at(lambda x: objects([x[0] * x[0] * x[1], x[0] * x[1]]), 2)
     assert cat.verdict == "not integrable" and abs(math.log((3 + 5**0.5) / 2) - 0.962424) < 1e-6
     assert cat["degree growth"].answer.startswith("exponential, entropy 0.962424")
+
+
+# -- in floats ----------------------------------------------------------------------------------------------
+
+
+def test_an_energy_that_is_nearly_conserved_is_no_integral() -> None:
+    """The free body by the trapezoidal rule of its Lagrangian, in Cayley's parameters: at eps = 1/3 a quadratic
+    polynomial changes by 1e-11 on orbits of size 1; at eps = 1 the energy visibly oscillates.  Veselov's has it."""
+    pytest.importorskip("jax")
+    import jax.numpy as jnp
+
+    from kreisel import reduction as red
+    from kreisel.lab.integrals import integrals_in_floats
+
+    def free(Omega, *, J):
+        return -jnp.trace(Omega @ (J[:, None] * Omega)) / 2
+
+    def veselov(W, *, J, eps):
+        return -jnp.trace(W * J) / eps
+
+    group = red.SO(3)
+    of_group = {"group": group, "representation": red.trivial(group)}
+    body = red.system("free", lagrangian=free, **of_group)(J=(1, 2, 4))
+    for eps, enough in ((F(1, 6), False), (F(1, 3), False), (F(1), False)):
+        assert integrals_in_floats(subject(body, eps=eps)).enough is enough
+    rotor = red.system("veselov", discrete=veselov, **of_group)(J=(0.4, 1, 1.7))
+    found = integrals_in_floats(subject(rotor, eps=STEP))
+    assert found.enough and (found.count, found.on_leaf) == (2, 1)
+    run = kr.simulate(body, {"M": (3.0, 4.0, 1.0)}, dt=1.0, steps=400, progress=False)
+    assert kr.drift(run).max_change["energy"] > 1e-4
+    with pytest.raises(RunError, match="move too little in 40 steps"):
+        integrals_in_floats(subject(rotor, eps=F(1, 10**6)))
+
+
+def test_kahans_map_has_the_names_of_the_coordinates() -> None:
+    """The momentum about the axis of Lagrange's top is m3; a step is that of `method="kahan"`, by another engine."""
+    top = search.kahan_map(kr.LagrangeTop(p=(0, 0, 1)), F(1, 4))
+    assert str(integrals.integrals(top, 1)[0]) == "m3"
+    x = np.array([0.25, 0.5, 1.5, 0.6, 0.0, 0.8])
+    run = kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), {"m": x[:3], "a": x[3:]}, dt=0.25, steps=1, method="kahan")
+    new = np.array(top.step(objects(map(F, x))), dtype=float)
+    np.testing.assert_allclose(new, [*run.m[-1], *run.a[-1]], atol=1e-15)

@@ -319,8 +319,11 @@ def stated(subject: Subject, seed: int) -> list[Stated]:
 # -- integrals in floats ---------------------------------------------------------------------------------
 
 FLOAT_STEPS = 40  # of each orbit
-ROUND_OFF = 1e-10  # singular values below it, relative to the largest, are 0
-GAP = 1e3  # by which the next one must be larger
+SIZES = (4.0, 2.0, 1.0)  # of the starts, in turn: a quantity that short steps conserve nearly changes on larger orbits
+MOTION = 0.03  # least root mean square of the changes of monomials, relative to their size: too little tells nothing
+ROUND_OFF = 1e-13  # singular values below it, relative to the largest, are 0
+GAP = 1e8  # by which the next one must be larger, so that the vectors of both do not mix beyond RANK
+RANK = 1e-7  # singular values below it, relative, do not count in ranks
 MOST_IN_FLOATS = 300  # monomials
 
 
@@ -351,16 +354,20 @@ class Numerical:
     involution: float
 
     @property
+    def clear(self) -> bool:
+        """Whether a gap separates what is conserved from what is not."""
+        return self.next > GAP * self.largest
+
+    @property
     def enough(self) -> bool:
         """Whether they fill a leaf, with a clear gap."""
-        clear, involution = self.next > GAP * self.largest, self.involution < 1e-7
-        return clear and fill_leaf(self.leaf, self.on_leaf, involution, self.on_leaf + self.torus)
+        return self.clear and fill_leaf(self.leaf, self.on_leaf, self.involution < RANK, self.on_leaf + self.torus)
 
     def __str__(self) -> str:
         return (
             f"{self.count} independent polynomials of degree {self.degree} or less are conserved in floats, "
             f"{self.on_leaf} on leaves of dimension {self.leaf}; singular values {self.largest:.0e}, then "
-            f"{self.next:.0e}"
+            f"{self.next:.0e}{'' if self.clear else ', not a clear gap: use a larger eps'}"
         )
 
 
@@ -376,7 +383,8 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
     while sum(map(len, rows)) < wanted and k < 3 * wanted // FLOAT_STEPS + 10:
         k += 1
         try:
-            orbit = dynamics.points(subject, float_start(subject, seed + 100 + k), FLOAT_STEPS)
+            start = float_start(subject, seed + 100 + k, SIZES[k % len(SIZES)])
+            orbit = dynamics.points(subject, start, FLOAT_STEPS)
         except RunError as error:
             trouble = str(error)
             continue
@@ -386,6 +394,11 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
     table = np.concatenate(rows)
     if len(table) < wanted:
         raise RunError(trouble or "the orbits are too short")
+    if (moved := math.sqrt(np.mean((table / scale) ** 2))) < MOTION:
+        raise RunError(
+            f"The orbits of {subject.name} move too little in {FLOAT_STEPS} steps to show what they conserve: "
+            f"monomials change by {moved:.1g}. Use a larger eps."
+        )
     _, sizes, V = np.linalg.svd(table / scale)
     sizes = sizes / sizes[0]
     still, x = int((sizes < ROUND_OFF).sum()), float_start(subject, seed + 7)
@@ -395,7 +408,7 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
     fields, lengths = G @ pi, np.linalg.norm(G, axis=1)
     pairings, size, turn = fields @ G.T, float(np.linalg.norm(G)), float(np.linalg.norm(pi))
     count, on_leaf, leaf, not_commuting = (
-        int(np.linalg.matrix_rank(A, tol=1e-7 * scale))
+        int(np.linalg.matrix_rank(A, tol=RANK * scale))
         for A, scale in ((G, size), (fields, size * turn), (pi, turn), (pairings, size**2 * turn))
     )
     return Numerical(

@@ -125,7 +125,7 @@ def leaves_stay(c: Clues) -> bool:
     counts = [
         ranks.rank - ranks.on_leaf == ranks.dimension - ranks.leaf for ranks in (c.ranks, c.lax) if ranks is not None
     ]
-    if c.numeric is not None:
+    if c.numeric is not None and c.numeric.clear:
         counts.append(c.numeric.count - c.numeric.on_leaf == c.subject.dim - c.numeric.leaf)
     return c.leaves or any(counts) or _is_one_leaf(c)
 

@@ -26,7 +26,7 @@ from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.lab import dynamics
 from kreisel.lab.exact import fraction, fractions
 from kreisel.lab.questions import QUESTIONS, Clues, filled
-from kreisel.lab.subject import Subject, coordinate_names, subject
+from kreisel.lab.subject import Subject, coordinate_names, coordinates, subject
 from kreisel.method.kahan import eliminate
 from kreisel.record.contract import FIELD_SPACE, MOVING_SPACE, TWO_FIELDS_SPACE, Map, PhaseSpace, System
 from kreisel.record.model import Model
@@ -318,14 +318,10 @@ def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3), adjustment
 def kahan_map(model: Model, eps: Any = Fraction(1, 3)) -> Subject:
     """Kahan's map of a model whose flow is quadratic in the state."""
     model = Model(model.system, {k: fractions(v) for k, v in model.params.items()})  # derived parameters are exact too
-    kinds, n = model.system.space.kinds, model.n
-
-    def flow(x: Array) -> Array:
-        return algebra.flatten(model.flow(*algebra.restore(x, kinds, n)), kinds)
-
-    return replace(
-        kahan(flow, coordinate_names(model.system.space.components, n), eps), name=f"Kahan's map of {model.system.name}"
-    )
+    unpacked, packed = coordinates(model.system.space.kinds, model.n)
+    names = coordinate_names(model.system.space.components, model.n)
+    kahans = kahan(lambda x: packed(model.flow(*unpacked(x))), names, eps)
+    return replace(kahans, name=f"Kahan's map of {model.system.name}")
 
 
 def kahan_gyrostat(h: Sequence[Any] = (0, 0, 0), J: Sequence[Any] = (1, 2, 4), eps: Any = Fraction(1, 3)) -> Subject:

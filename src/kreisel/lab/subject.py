@@ -147,11 +147,12 @@ def stacked(x: Array, lanes: int) -> Array:
     return np.stack([np.broadcast_to(number.v, lanes) for number in x])
 
 
-def float_start(subject: Subject, seed: int = 0) -> Array:
-    """A random point of size about 1, at which the record allows the step."""
+def float_start(subject: Subject, seed: int = 0, size: float = 1.0) -> Array:
+    """A random point of about that size, where coordinates are free, at which the record allows the step."""
     rng = np.random.default_rng(seed)
+    draw = float_random(rng)
     for _ in range(STARTS):
-        x = np.asarray(subject.point(float_random(rng)), dtype=np.float64)
+        x = np.asarray(subject.point(lambda shape: size * draw(shape)), dtype=np.float64)
         if subject.allowed is None or subject.allowed(x, **subject.floats):
             return x
     raise RunError(f"The step of {subject.name} is too long for {STARTS} random starts. Use a smaller eps.")
@@ -216,14 +217,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
     implicit = f"The map of {system.name} is implicit" if not mapped.rational or system.numbers != "any" else ""
     constants = {k: exact.fractions(v) for k, v in model.constants.items()}
 
-    kinds = [algebra.KINDS[kind] for kind in space.kinds]
-    shown_kinds = [kind.shown(n).name for kind in kinds]
-
-    def unpacked(x: Array) -> tuple[Array, ...]:
-        return tuple(k.from_user(v, n) for k, v in zip(kinds, algebra.restore(x, shown_kinds, n), strict=True))
-
-    def packed(state: tuple[Array, ...]) -> Array:
-        return algebra.flatten([kind.for_user(z) for kind, z in zip(kinds, state, strict=True)], shown_kinds)
+    unpacked, packed = coordinates(space.kinds, n)
 
     def of_state(function: Any) -> Any:
         return None if function is None else lambda x, **values: call(function, unpacked(x), values)
@@ -268,6 +262,20 @@ def _of_model(model: Model, eps: Any) -> Subject:
         implicit=implicit,
         model=model,
     )
+
+
+def coordinates(names: Sequence[str], n: int) -> tuple[Function, Function]:
+    """Of the kinds of that name: coordinates (d,), named as by `coordinate_names`, to components; and back."""
+    kinds = [algebra.KINDS[kind] for kind in names]
+    shown_kinds = [kind.shown(n).name for kind in kinds]
+
+    def unpacked(x: Array) -> tuple[Array, ...]:
+        return tuple(k.from_user(v, n) for k, v in zip(kinds, algebra.restore(x, shown_kinds, n), strict=True))
+
+    def packed(state: tuple[Array, ...]) -> Array:
+        return algebra.flatten([kind.for_user(z) for kind, z in zip(kinds, state, strict=True)], shown_kinds)
+
+    return unpacked, packed
 
 
 def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[str, ...]:
