@@ -33,6 +33,11 @@ START = BODY.state(M=(0.3, 0.5, 1.1))
 CLEBSCH = kr.Clebsch(b=(1.0, 2.0, 3.5))
 OUTER = kr.QuadraticPotential(J=(1.0, 2.0, 2.5))
 LIMITED = kr.perturbed(BODY, torque=lambda M: 0.1 * np.where(M[0] < 0.2, M, 0) - np.clip(M, -0.1, 0.2))
+DRAGGED = kr.perturbed(TOP, torque=lambda m, *, c: -c * np.sqrt(m @ m) * m, params={"c": 0.3})
+MANAKOV, KOMAROV = kr.ManakovTop(a=(1.2, 1.7, 3.1), b=(0.9, 1.3, 2.5)), kr.Komarov(kappa=-0.4, beta=0.3, c=0.9)
+CHAIN, HIGHER = kr.HeisenbergChain(n=3), kr.LagrangeTop(p=(0.3, -0.5, 0.8, 0.1))
+SPINS = {"Sx": (0.6, 0.0, 0.8), "Sy": (0.8, 0.6, 0.0), "Sz": (0.0, 0.8, 0.6)}
+MOMENTUM = np.array([[0, 0.3, -0.5, 1.1], [-0.3, 0, 0.2, 0.7], [0.5, -0.2, 0, -0.4], [-1.1, -0.7, 0.4, 0]])
 TURNED: dict[str, Any] = {"orientation": (1, 0, 0, 0)}
 CASES: dict[str, tuple[Any, dict[str, Any]]] = {
     "suris 1": ((TOP, TOP_START), {"method": "suris", "order": 1}),
@@ -45,6 +50,14 @@ CASES: dict[str, tuple[Any, dict[str, Any]]] = {
     ),
     "a motor with limits": ((LIMITED, LIMITED.state(M=(0.3, 0.5, 1.1))), {"method": "splitting", "order": 4}),
     "variational": ((TOP, TOP_START), {"method": "variational", "order": 2}),
+    "sweeps until it is solved": (
+        (HIGHER, HIGHER.state(m=MOMENTUM, a=(0.5, -0.1, 0.7, 0.5))),
+        {"method": "variational", "order": 2},
+    ),
+    "midpoint 4": ((MANAKOV, MANAKOV.state(M=(0.3, 0.5, 1.1))), {"method": "midpoint", "order": 4}),
+    "midpoint, spins": ((CHAIN, CHAIN.state(**SPINS)), {"method": "midpoint", "order": 2}),
+    "a parameter c": ((KOMAROV, KOMAROV.state(M=(0.3, 0.5, 1.1), P=(0.6, 0, 0.8))), {"method": "kahan", "order": 2}),
+    "a force with c": ((DRAGGED, DRAGGED.state(**TOP_START)), {"method": "splitting", "order": 4}),
 }
 FLAGS = ["-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
 C_PROGRAM = """#include "{name}.h"
@@ -101,7 +114,9 @@ def by_c(folder: Path, text: str, name: str, calls: str, compiler: str = "gcc", 
 def state(run: Any, row: int = -1) -> list[float]:
     letters = [n for n in run.data_vars if run[n].attrs["kind"] in ("state", "orientation")]
     values = [run[n].values[row] for n in letters]
-    return [float(v) for x in values for v in (x if x.ndim == 1 else x[np.triu_indices(len(x))])]
+    return [
+        float(v) for x in values for v in (x if x.ndim == 1 else x[np.triu_indices(len(x), int((x == -x.T).all()))])
+    ]
 
 
 def orbit(model: Any, start: Any, asked: dict[str, Any], dt: float = DT) -> str:
@@ -345,6 +360,13 @@ def test_the_file_of_each_check_case_passes_it(name: str, tmp_path: Path) -> Non
 def test_ensembles_and_many_dimensions_have_no_file(model: Any, start: Any, part: str) -> None:
     with pytest.raises(kr.InputError, match=part):
         kr.code(model, None if start is None else model.state(**start))
+
+
+def test_a_method_that_steps_another_body_has_no_file() -> None:
+    particle = kr.Neumann(b=(1.0, 2.0, 3.5))
+    with pytest.raises(kr.InputError, match="method='exact' of neumann, which steps another body"):
+        kr.code(particle, method="exact")
+    assert kr.code(particle, method="baecklund")
 
 
 SIZES = {

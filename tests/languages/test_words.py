@@ -169,6 +169,7 @@ def test_parameters_called_like_variables_of_the_file(language: str, tmp_path: P
         ("wgsl", "loop"),
         ("python", "stage"),
         ("c", "step"),
+        ("c", "dt"),
     ],
 )
 def test_parameters_called_like_keywords_and_functions_are_refused(language: str, name: str) -> None:

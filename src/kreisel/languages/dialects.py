@@ -41,6 +41,7 @@ class Dialect:
     once: str = ""  # a number with its final value
     starts: str = ""  # a number that is assigned to later
     up: str = ""  # a loop over {count} integers {var} of the type {integer}
+    leave: str = ""  # the end of a loop if the first number is at most the second
     table: str = ""  # an array of constants
     room: str = ""  # an array that is written later; without, loops over tables are written out
     give: str = "return {};"  # the end of a function with a result
@@ -132,6 +133,7 @@ C = _language(
         "once starts": "const double {} = {};|double {} = {};",
         "table room": "static const double {name}[{count}] = {{{body}}};|double {name}[{count}];",
         "up": "for ({integer} {var} = 0; {var} < {count}; {var}++) {{",
+        "leave": "if ({} <= {}) break;",
         "status case": '(int)({})|if (status == {status}) return "{text}";',
         "local": "const {type}_constants d = *c; {type}_state t = *s; /* copies: 13 % faster */|&d, &t|*s = t;",
         "default": "static const double {type}_{name} = {body};|"
@@ -177,6 +179,7 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{ x.mul_add(y, z) }}
         "once starts joint": "let {} = {};|let mut {}: f64 = {};|; let ",
         "table room": "static {name}: [f64; {count}] = [{body}];|let mut {name} = [0.0; {count}];",
         "up": "for {var} in 0..{count} {{",
+        "leave": "if {} <= {} {{ break; }}",
         "status case": '({}) as i32|if status == {status} {{ return "{text}"; }}',
         "local": "|c, s|",
         "default": "pub const default_{name}: f64 = {body};|pub const default_{name}: [f64; {count}] = [{body}];",
@@ -197,7 +200,7 @@ JAVASCRIPT = _language(
         "begin": COMMENT + "const {{ sqrt, abs, sin, cos, exp, log }} = Math;\n\n",
         "about": '|    import {{ Constants, State, prepare, step }} from "./{type}.mjs";|'
         f"    const c = new Constants(), s = new State();||JavaScript has no fused product: {ROUNDED}",
-        "name mark case": f"js||{C.case}",
+        "name mark case leave": f"js||{C.case}|{C.leave}",
         "types": "export class {Name} {{\n    constructor() {{|        this.{name} = 0;{comment}|"
         "        this.{name} = new Float64Array({count});{comment}|    }}\n}}",
         "function call": "export function {name}({arguments}) {{|{name}({arguments});",
@@ -249,7 +252,7 @@ JULIA = _language(
         "function call": "function {name}{result}({arguments})|{name}!({arguments})",
         "results": "!|||",
         "once starts joint": "{} = {}|{} = {}|; ",
-        "up end close": "for {var} in 1:{count}||end",
+        "up end close leave": "for {var} in 1:{count}||end|{} <= {} && break",
         "give status case": 'return {}|Int({})|status == {status} && return "{text}"',
         "default": "const {name}_default = {body}|const {name}_default = [{body}]",
         "special number32 reserved": "NaN Inf|Float32({})|base core main constants state",
@@ -270,7 +273,7 @@ PYTHON = _language(
         "        self.{name} = [0.0] * {count}{comment}|",
         "function call": "def {name}({arguments}):|{name}({arguments})",
         "once starts joint": "{} = {}|{} = {}|; ",
-        "up end close": "for {var} in range({count}):||",
+        "up end close leave": "for {var} in range({count}):|||if {} <= {}: break",
         "give status case": 'return {}|int({})|if status == {status}: return "{text}"',
         "default": "default_{name} = {body}|default_{name} = ({body},)",
         "special": "float('nan') float('inf')",

@@ -71,6 +71,7 @@ MOST = 10
 ORBIT = "The constants belong to the orbit of the initial state: from another one the step is another map."
 AXES = "The state has other axes than the body: a vector of the body is R v, its orientation g R^T, with"
 COUNT = "Forces are at the time _count dt: set _count to begin at another time, and again with another dt."
+LABELS = {"c": "c_"}  # of parameters, in arguments next to the constants c of the file
 POSITIVE = ("the parameters are finite, and positive where they have to be", MESSAGES[-1])
 
 
@@ -129,7 +130,8 @@ class Stepped:
         if self.fitted:
             return {}
         params, meanings = self.model.params, {p.letter: p.meaning for p in self.model.system.parameters}
-        fields = {k: _field(params[k], meanings[k]) for k in meanings if k in params and k not in self._tables}
+        names = (k for k in meanings if k in params and k not in self._tables)
+        fields = {LABELS.get(k, k): _field(params[k], meanings[k]) for k in names}
         if self.by_moments:
             fields = {"I": _field(params["J"][SECOND] + params["J"][THIRD], MOMENTS)}
         return {**fields, "dt": Field(0, "time step", self.plan.dt)}
@@ -161,7 +163,8 @@ class Stepped:
                 I = parameters.pop("I")  # noqa: E741
                 parameters["J"] = 0.5 * (I[SECOND] + I[THIRD] - I)
             scheme: Any = self._recorded(dt)
-            shaped = {k: np.reshape(v, np.shape(self.model.params[k])) for k, v in parameters.items()}
+            names = {LABELS.get(k, k): k for k in self.model.params}
+            shaped = {names[k]: np.reshape(v, np.shape(self.model.params[names[k]])) for k, v in parameters.items()}
             values = {**scheme.constants, **scheme.stages, **shaped, **self._derived(shaped), "dt": dt}
         return {f"c.{name}": values[name] for name in self.constants}
 
@@ -169,7 +172,7 @@ class Stepped:
         """The status: 0, or the place of a message."""
         if self.by_moments:
             return check_moments(parameters["I"], dt, most=1.0)
-        positive = {p.letter for p in self.model.system.parameters if p.positive}
+        positive = {LABELS.get(p.letter, p.letter) for p in self.model.system.parameters if p.positive}
         entries = [(x, name in positive) for name, value in parameters.items() for x in np.ravel(value)]
         return check(dt, [pair for x, above in entries for pair in [(0.0, x)] * above + [(abs(x), HUGE)]])
 
@@ -297,6 +300,16 @@ def _require_steps(plan: Plan) -> None:
             f"code: expected a method that steps the state itself, got the order {scheme.options['order']}, whose "
             "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
         )
+    if taken := {"dt", *LABELS.values()} & {*model.params}:
+        raise InputError(
+            f"params: expected names that arguments of the file do not have, got {', '.join(sorted(taken))}. "
+            "Give other names to parameters of the forces."
+        )
+    if not {*model.system.space.letters} <= {letter for letter, _ in scheme.components}:
+        raise InputError(
+            f"code: expected a method that steps the state itself, got method={scheme.name!r} of {model.system.name}, "
+            "which steps another body. Use method='baecklund'."
+        )
     if model.n > MOST:
         raise InputError(f"code: expected n <= {MOST}, got n = {model.n}. Longer steps are no straight-line code.")
     closed = isinstance(scheme.motion, Orbits) and closed_form(model.system, model.n) is not None
@@ -352,9 +365,9 @@ def code(
                   "godot", "bevy" or "three"
     name          of the body: prefix of names in C, the module in Julia; letters, digits and _.  Default: the system's
 
-    In C, C++, CUDA and Rust the step is bitwise equal to the kernel without projection, of bodies on orbits up to
-    rounding: a file iterates Kepler's equation a fixed number of times.  The others have no fused multiply-add.  Raises
-    `InputError`.
+    In C, C++, CUDA and Rust the step is bitwise equal to the kernel without projection, of bodies on orbits and of the
+    closed form of a top up to rounding; constants that follow from the parameters may be rounded otherwise.  The others
+    have no fused multiply-add.  Raises `InputError`.
     """
     require_one_of(LANGUAGES, language, "language")
     if convention is not None:

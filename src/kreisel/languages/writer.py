@@ -24,6 +24,7 @@ from kreisel.graph.graph import (
     IN,
     LOOP,
     MINUS,
+    NEVER,
     OVER,
     PLUS,
     RESULT,
@@ -221,11 +222,15 @@ class Block:
         with writer.block(d.up.format(integer="int", var=count, count=loop.most)):
             inside = Block(writer, self.graph)
             inside.names = self.names | {loop.variables[i].at: name for i, name in variables.items()}
-            inside.compute(members, [loop.new[i] for i in kept])
-            new = [inside.value(loop.new[i]) for i in kept]
-            new = [writer.once(x) for x in new] if len(kept) > 1 else new
-            for i, value in zip(kept, new, strict=True):
+            ends = loop.small != NEVER
+            values = [loop.new[i] for i in kept] + [loop.new[-1]] * ends
+            inside.compute(members, values)
+            new = [inside.value(x) for x in values]
+            new = [writer.once(x) for x in new] if len(new) > 1 else new
+            for i, value in zip(kept, new, strict=False):
                 writer.assign(variables[i], value)
+            if ends:
+                writer.say(d.leave.format(new[-1], self.value(loop.small)))
         return variables
 
 
