@@ -18,6 +18,7 @@ from kreisel.cli.new import samples, text_of_body
 from kreisel.errors import Faults
 from kreisel.physical import (
     SATURN,
+    SUN,
     Asteroid,
     Binary,
     FreeBody,
@@ -133,6 +134,18 @@ def alike(one: Any, other: Any) -> bool:
             lambda: Satellite((2, 3, 4), Orbit(7e6), harmonics=kr.physical.Harmonics(3, 1, {(3, 1): (1e-3, 2e-3)})),
         ),
         ('kind = "asteroid"\nshape = "hyperion"', Asteroid.hyperion),
+        (
+            'kind = "asteroid"\nmass = 3e9\ndiameters = [300, 200, 100]\nlight = 4e-6\n'
+            "plates = [{ normal = [1, 0, 0], centre = [0, 1, 0], area = 5 }]\n"
+            '[orbit]\nsemi_major_axis = "1 au"\nprimary = "sun"',
+            lambda: Asteroid.ellipsoid(
+                3e9,
+                (300, 200, 100),
+                Orbit("1 au", primary=SUN),
+                light=4e-6,
+                plates=[kr.physical.Plate((1, 0, 0), (0, 1, 0), 5)],
+            ),
+        ),
         (
             'kind = "binary"\n[primary]\nmass = 3e11\ndiameters = ["0.8 km", 700, 600]\nlove = 1e-5\nlag = "2 min"\n'
             "[secondary]\nmass = 2e9\ninertia = [2e12, 3e12, 4e12]\n"

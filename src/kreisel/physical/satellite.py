@@ -313,10 +313,10 @@ class Asteroid(Satellite):
     _shape: tuple[Any, ...] = ("ellipsoid",)
 
     @classmethod
-    def ellipsoid(cls, mass: Any, diameters: Any, orbit: Orbit) -> Asteroid:
-        """The asteroid with these principal diameters, m."""
+    def ellipsoid(cls, mass: Any, diameters: Any, orbit: Orbit, **options: Any) -> Asteroid:
+        """The asteroid with these principal diameters, m; `options`: arguments of `Satellite`."""
         lengths = si_numbers(diameters, "m", "diameters", ((3,),))
-        return cls(FreeBody.ellipsoid(mass, lengths).inertia, orbit).shaped("ellipsoid", lengths / 2)
+        return cls(FreeBody.ellipsoid(mass, lengths).inertia, orbit, **options).shaped("ellipsoid", lengths / 2)
 
     @classmethod
     def hyperion(cls) -> Asteroid:
