@@ -231,6 +231,10 @@ def test_events_complain(mapped):
         analysis.events(mapped, lambda m, a: a)
     with pytest.raises(kr.InputError, match="returns"):
         analysis.return_map(mapped, "a[0]", "a[1]", returns=0)
+    backwards = mapped.isel(time=slice(None, None, -1))
+    with pytest.raises(kr.InputError, match="order of time"):
+        analysis.events(backwards, "a[2]", 0.5)
+    assert analysis.events(backwards.sortby("time"), "a[2]", 0.5).equals(analysis.events(mapped, "a[2]", 0.5))
     assert analysis.events(mapped, "a[2]", 7.0).sizes["event"] == 0
     assert analysis.return_map(mapped, "a[2]", "a[1]", 7.0).sizes["event"] == 0
 

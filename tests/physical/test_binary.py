@@ -393,6 +393,7 @@ def test_bad_input() -> None:
         (lambda: GravityBody(1e9, (1.0, 1.0, 3.0)), "inertia"),
         (lambda: GravityBody(1e9, [[2, 0.1, 0], [0.1, 2, 0], [0, 0, 2]]), "principal axes"),
         (lambda: GravityBody(1e9, (1.0, 1.0, 1.0), love=0.1), "size"),
+        (lambda: Binary.didymos(lag=100.0), "lag: expected love"),
         (lambda: GravityBody.ellipsoid(1e9, (1, 0, 1)), "diameters"),
         (lambda: GravityBody.points([1.0], [1.0, 2.0, 3.0]), "positions"),
         (

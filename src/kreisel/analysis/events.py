@@ -98,7 +98,12 @@ def events(
 
 
 def parts_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...]:
-    """Components, orientation matrices, and the time if a force depends on it, (time, lane, ...)."""
+    """Components, orientation matrices, and the time if a force depends on it, (time, lane, ...).
+
+    Raises `InputError` for rows that are not in the order of time.
+    """
+    if (np.diff(run["time"].values) < 0).any():
+        raise InputError("expected rows in the order of time, got others. Sort them: run.sortby('time').")
     parts = components(run, model)
     parts += () if g is None else (g,)
     parts = parts if "lane" in run.dims else tuple(v[:, None] for v in parts)

@@ -77,6 +77,8 @@ class GravityBody:
         convert_fields(self, shapes=((9,),), degree_4="kg m^4")
         if self.love and not self.size:
             raise InputError("love: expected size=... too, the radius of the body that tides deform, got none.")
+        if self.lag and not self.love:
+            raise InputError("lag: expected love=... too, the Love number k_2 of the tides that lag, got none.")
 
     @classmethod
     def ellipsoid(cls, mass: Any, diameters: Any, love: Any = 0.0, lag: Any = 0.0) -> GravityBody:

@@ -96,7 +96,8 @@ class Satellite(Forced):
     air            instead of a density "exponential" or "harris-priester" air, which rotates with the Earth
     light          the pressure of sunlight at 1 au, N/m^2 (`SOLAR_PRESSURE`)
     sun            "ephemeris", the Sun at its date; or its direction in space.  Default: the Sun at its date if the
-                   orbit of the Earth has an epoch, the primary if that is the Sun, else the first axis of space
+                   orbit of the Earth has an epoch, the primary if that is the Sun, else the first axis of space.  In a
+                   direction it is at 1 au
     eclipse        whether the primary, if it is not the Sun, shades the light; default: if the Sun moves
     magnetic_field   "igrf", IGRF-14 to that `degree`; "tilted-dipole", its first degree; "dipole", of the primary along
                    its axis.  Default: "igrf" if the orbit of the Earth has an epoch, else "dipole"
@@ -273,7 +274,7 @@ class Satellite(Forced):
         """The angle of the axis of the largest moment to the normal of the orbit, rad, at each row of a run."""
         axis = self._axis(run, 2)
         normal = self.orbit.frame(_times(run, axis.ndim - 1))[..., 2]
-        return np.asarray(np.arccos(np.clip((axis * normal).sum(-1), -1, 1)))
+        return np.asarray(np.arctan2(np.linalg.norm(np.cross(axis, normal), axis=-1), algebra.dot(axis, normal)))
 
     def resonant_angle(self, run: xr.Dataset, ratio: float) -> Array:
         """Theta - ratio M, from -pi to pi, for theta the angle of the axis of the least moment from the pericentre.
