@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
+from kreisel.record.model import Model
 
 TOP = kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5)
 UNLIKE = kr.perturbed(TOP, inertia=(1, 1.4, 0.5), potential=lambda P: 0.8 * P[0])
@@ -30,7 +31,7 @@ def test_chaotic() -> None:
 def test_lanes_and_forces_of_time() -> None:
     """Lanes as single motions, with parameters of their own, an orientation and forces that take it and the time."""
 
-    def body(k: float | list[float]) -> kr.Model:
+    def body(k: float | list[float]) -> Model:
         push = {"potential": lambda g, t, *, k: k * g[2, 2] ** 2 * np.cos(t), "params": {"k": k}}
         return kr.perturbed(kr.EulerTop(J=(1.0, 0.6, 0.3)), **push)
 

@@ -18,6 +18,7 @@ from kreisel.lab import exact
 from kreisel.lab.law import baecklund_orders
 from kreisel.method import scheme
 from kreisel.method.baecklund import pade_denominator, pade_zeros, spin_turns, stage_points
+from kreisel.record.model import Model
 from kreisel.system import REGISTRY
 from support import cpu_engine
 
@@ -211,7 +212,7 @@ def test_lanes_have_constants_of_their_own() -> None:
         assert abs(one["m"].values - both["m"].values[:, lane]).max() < 1e-12
 
 
-def newton_step(model: kr.Model, state: tuple[np.ndarray, ...], mu: complex, rho: complex) -> mpmath.mpc:
+def newton_step(model: Model, state: tuple[np.ndarray, ...], mu: complex, rho: complex) -> mpmath.mpc:
     """How far rho is from the root of <e, e> = 4 rho, (mu - m) e = 2 (a - rho p), of the top.
 
     Of Clebsch's body: of <P, Q> = rho, (mu - rho C + M) Q = P, C = B - max b.
@@ -230,7 +231,7 @@ def newton_step(model: kr.Model, state: tuple[np.ndarray, ...], mu: complex, rho
     return (dot(v, Q) - rho) / (1 - dot(Y, C * Q))
 
 
-def near(model: kr.Model, state: tuple[np.ndarray, ...], mu: complex, rho: complex) -> bool:
+def near(model: Model, state: tuple[np.ndarray, ...], mu: complex, rho: complex) -> bool:
     """Whether rho is the root, rounded once."""
     off = newton_step(model, state, mu, rho)
     return all(

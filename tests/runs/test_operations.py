@@ -11,6 +11,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.record.contract import ClosedForm, System
+from kreisel.record.model import Model
 from kreisel.runs.operations import operations_of
 from kreisel.sweeps.sweep import check_archive
 
@@ -34,7 +35,7 @@ def renamed(M: Any) -> Any:
     return momentum * -factor
 
 
-def body(function: Callable[..., Any], **more: Any) -> kr.Model:
+def body(function: Callable[..., Any], **more: Any) -> Model:
     return kr.perturbed(TOP, torque=function, **more)
 
 

@@ -16,6 +16,7 @@ import pytest
 import kreisel as kr
 from kreisel import reduction as red
 from kreisel.bodies import BODIES, KNOWN
+from kreisel.record.model import Model
 from kreisel.runs.examples import example
 from kreisel.sweeps.sweep import check_archive
 
@@ -42,7 +43,7 @@ def drag(m: Any, *, k: Any) -> Any:
     return -k * m
 
 
-def bodies() -> dict[str, kr.Model]:
+def bodies() -> dict[str, Model]:
     factor = 0.1
     return {
         "named force": kr.perturbed(TOP, torque=drag, params={"k": 0.01}, damping=0.01),

@@ -10,6 +10,7 @@ import xarray as xr
 
 import kreisel as kr
 from kreisel.physical import Orbit, Satellite
+from kreisel.record.model import Model
 from kreisel.sweeps.sweep import one_lane
 
 SPIN = {"spin": ("4 deg/s", "-3 deg/s", "2 deg/s")}
@@ -41,7 +42,7 @@ def test_values_of_a_controller_vary(tmp_path: Path) -> None:
         assert largest == most if place else 0 < largest < most
 
 
-def braked(sign: float) -> kr.Model:
+def braked(sign: float) -> Model:
     return kr.perturbed(kr.EulerTop(J=(1, 2, 3)), torque=lambda M, *, rub: -sign * rub * M, params={"rub": 0.1})
 
 
