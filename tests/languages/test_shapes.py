@@ -63,7 +63,7 @@ def test_a_mesh_gives_moments_of_its_homogeneous_body(folder: Path) -> None:
         (("free-body", "--set", "I=1,2,9"), "the largest exceeds the sum"),
         (("free-body", "--convention", "unitty"), "Did you mean 'unity'"),
         (("free-body", "--language", "gdscript", "--single"), "expected a language with 32-bit floats"),
-        (("lagrange-top", "--language", "fmu"), "expected a free body in SI units"),
+        (("lagrange-top", "--language", "fmu"), "expected free-body, or a file of its shape"),
         (("lagrange-top", "--language", "fmi"), "wgsl, fmu, got 'fmi'. Did you mean 'fmu'?"),
         (("free-body", "--language", "csharp", "--name", "State"), "that csharp and the file do not have already"),
     ],

@@ -245,6 +245,8 @@ BAD = {
         lambda run: kr.export(run, "x.bc", epoch=EPOCH, time_system="GPS"),
         "expected UTC, TAI or TT",
     ),
+    "backwards": (lambda run: kr.export(run.isel(time=[1, 0]), "x.aem", epoch=EPOCH), "increasing times, got others"),
+    "one row": (lambda run: kr.export(run.isel(time=0), "x.aem", epoch=EPOCH), r"single row is run.isel\(time=\[0"),
     "before UTC": (lambda run: kr.export(run, "x.bc", epoch="1957-10-04"), "from 1972 on"),
 }
 

@@ -215,7 +215,7 @@ def code(
         print(text_of(free, language=language, convention=convention, **asked), end="")
         return
     if "x0" in asked or convention or method or order or single:
-        raise InputError("--language fmu: expected a free body in SI units, and of the options --set, --dt, --name.")
+        raise InputError("--language fmu: expected free-body, or a file of its shape, and only --set, --dt, --name.")
     if sys.stdout.isatty():
         raise InputError("--language fmu: expected a file for the archive: kreisel code ... > rock.fmu")
     from kreisel.languages.source import fmu

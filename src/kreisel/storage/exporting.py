@@ -439,6 +439,8 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
     seconds = np.asarray(run["time"].values, dtype=np.float64) * unit
     if not (np.isfinite(seconds) & (abs(seconds) < LONGEST)).all():
         raise InputError(f"time_unit: expected times below {LONGEST:g} s, got {shown(float(abs(seconds).max()))}.")
+    if seconds.ndim != 1 or (np.diff(seconds) <= 0).any():
+        raise InputError("time: expected rows with increasing times, got others. A single row is run.isel(time=[0]).")
     dated, turn = body.epoch, np.eye(3)
     start = date_of(dated or epoch, "epoch")
     if dated and epoch is not None and date_of(epoch, "epoch") != start:
