@@ -237,3 +237,14 @@ def test_kahans_map_has_the_names_of_the_coordinates() -> None:
     run = kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), {"m": x[:3], "a": x[3:]}, dt=0.25, steps=1, method="kahan")
     new = np.array(top.step(objects(map(F, x))), dtype=float)
     np.testing.assert_allclose(new, [*run.m[-1], *run.a[-1]], atol=1e-15)
+
+
+def test_maps_that_do_not_interact() -> None:
+    """Two of McMillan's: {x, y} = 1 and {u, v} = 1 are preserved one by one, and so is their sum, of full rank."""
+
+    def two(z):
+        pairs = ((z[k], z[k + 1], F(3 + k, 2)) for k in (0, 2))
+        return objects(v for x, y, a in pairs for v in (y, a * y / (1 + y * y) - x))
+
+    found = looked_at(two, 4)
+    assert found.verdict == "integrable" and "2 on leaves of dimension 4, in involution" in found["integrals"].answer

@@ -210,10 +210,17 @@ def _poisson(c: Clues) -> Answer:
     pairs = math.comb(subject.dim, 2)
     degree = next((d for d in (2, 1, 0) if pairs * math.comb(subject.dim + d, d) <= UNKNOWNS), 0)
     bivectors = brackets.brackets(subject, degree, c.seed)
-    c.unaided = [partial(brackets.tensor_of, b.entries) for b in bivectors if b.poisson]
+    tensors = [partial(brackets.tensor_of, b.entries) for b in bivectors]
+
+    def combined(x: Array) -> Array:  # of maps that do not interact, each with a bracket
+        return sum(k * tensor(x) for k, tensor in enumerate(tensors, 1))
+
+    c.unaided = [tensor for tensor, b in zip(tensors, bivectors, strict=True) if b.poisson]
+    if len(tensors) > 1 and brackets.obeys_jacobi(subject, combined, c.seed):
+        c.unaided.insert(0, combined)
     if not c.unaided:
         return "no bracket found", f"{why}; none with entries of degree {degree} or less"
-    c.tensor, good = c.unaided[0], next(b for b in bivectors if b.poisson)
+    c.tensor, good = c.unaided[0], next((b for b in bivectors if b.poisson), "a combination of bivectors")
     return "yes", f"{why}, but {good} is preserved ({len(bivectors)} of degree {degree} or less)"
 
 
