@@ -396,7 +396,7 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
         raise RunError(trouble or "the orbits are too short")
     if (moved := math.sqrt(np.mean((table / scale) ** 2))) < MOTION:
         raise RunError(
-            f"The orbits of {subject.name} move too little in {FLOAT_STEPS} steps to show what they conserve: "
+            f"The orbits of {subject.name} move too little in {FLOAT_STEPS} steps to reveal integrals: "
             f"monomials change by {moved:.1g}. Use a larger eps."
         )
     _, sizes, V = np.linalg.svd(table / scale)
