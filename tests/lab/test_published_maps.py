@@ -248,3 +248,13 @@ def test_maps_that_do_not_interact() -> None:
 
     found = looked_at(two, 4)
     assert found.verdict == "integrable" and "2 on leaves of dimension 4, in involution" in found["integrals"].answer
+
+
+@pytest.mark.parametrize(
+    ("rate", "answer"),
+    [(1, "exact to round-off"), (10, "unknown")],  # the second motion ends at t = 1/(10 x)
+)
+def test_the_order_of_a_map_that_is_the_flow(rate: int, answer: str) -> None:
+    """x/(1 - c eps x) is the flow of x' = c x^2, Kahan's map of Riccati's equation."""
+    found = investigate(lambda x, eps: x / (1 - rate * eps * x), names=("x",), flow=lambda x: rate * x * x, steps=1000)
+    assert found["order"].answer == answer
