@@ -386,6 +386,13 @@ def test_without_pint(monkeypatch: pytest.MonkeyPatch) -> None:
     kr.units.registry.cache_clear()
 
 
+def test_a_bad_step_is_one_mistake() -> None:
+    """With t_end in seconds, the rows are counted in a step that is not known."""
+    text = '[body]\nkind = "free-body"\ninertia = [1, 2, 2.5]\n[state]\nspin = [1, 0, 0]\n[run]\ndt = "1 mm"\n'
+    found = mistakes(f'{text}t_end = "1 s"\nevery = 10\n[output]\npath = "x.zarr"\n')
+    assert len(found) == 1 and "dt must have the dimension of s" in found[0]
+
+
 def test_impulses_of_no_kind() -> None:
     text = text_of_body("free-body", Path("x.toml")).replace("[run]", "[run]\nimpulses = -1")
     assert "impulses: expected a dict" in mistakes(text)[0]

@@ -267,7 +267,7 @@ def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Setti
         return None
     if model is None or model.body_frame:  # durations in the unit of the model; without one, to check them
         usual, requested = model or FreeBody((1.0, 1.0, 1.0)).in_si(), dict(asked)
-        step: Any = 1.0
+        step, before = 1.0, len(faults.messages)
         for key in [k for k in ("dt", "t_end", "times", "every", "impulses") if k in asked]:
             unit = 1.0 if key == "dt" else asked["dt"]
             harmless = {"dt": unit, "t_end": 1e6 * unit, "times": (unit,), "every": 1, "impulses": ()}[key]
@@ -275,6 +275,8 @@ def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Setti
             with faults.noted("[run]"):
                 asked[key] = scaled_settings(usual, {"dt": step, key: requested[key]})[key]
                 step = requested["dt"] if key == "dt" else step
+        if len(faults.messages) > before and asked.get("t_end", 0) > 0:  # not in steps of another size
+            asked["t_end"] = 1e6 * asked["dt"]
     try:
         return Settings.checked(**asked)
     except InputError as error:

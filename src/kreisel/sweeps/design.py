@@ -275,9 +275,9 @@ def _varied(key: str, where: str, words: bool) -> Varied:
     match = KEY.fullmatch(remainder)
     nested = match is not None and "." in match[1] and section != "body"
     if section not in (*SECTIONS, *("body",) * words) or match is None or nested:
+        usual = "body.mass, body.inertia[2,2], run.dt" if words else "system.alpha, state.m, state.m[2] or run.dt"
         raise InputError(
-            f"[sweep.{where}] names {shown(key)}; expected are names such as system.alpha, state.m, state.m[2] or "
-            f"run.dt.{hint(section, SECTIONS)}"
+            f"[sweep.{where}] names {shown(key)}; expected are names such as {usual}.{hint(section, SECTIONS)}"
         )
     index = tuple(int(i) for i in match[2].split(",")) if match[2] else ()
     return Varied(section, match[1], index)
