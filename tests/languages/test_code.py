@@ -38,6 +38,8 @@ MANAKOV, KOMAROV = kr.ManakovTop(a=(1.2, 1.7, 3.1), b=(0.9, 1.3, 2.5)), kr.Komar
 CHAIN, HIGHER = kr.HeisenbergChain(n=3), kr.LagrangeTop(p=(0.3, -0.5, 0.8, 0.1))
 SPINS = {"Sx": (0.6, 0.0, 0.8), "Sy": (0.8, 0.6, 0.0), "Sz": (0.0, 0.8, 0.6)}
 MOMENTUM = np.array([[0, 0.3, -0.5, 1.1], [-0.3, 0, 0.2, 0.7], [0.5, -0.2, 0, -0.4], [-1.1, -0.7, 0.4, 0]])
+MASSES = np.array([[1.4, 0.2, 0, 0.1], [0.2, 0.8, -0.1, 0], [0, -0.1, 1.1, 0.3], [0.1, 0, 0.3, 0.9]])
+HEAVY, SKEWED = (kr.HeavyTop(J=J, A=(-0.1, 0.5, 0.1, 1.2)) for J in ((1.4, 0.8, 1.1, 0.9), MASSES))
 TURNED: dict[str, Any] = {"orientation": (1, 0, 0, 0)}
 CASES: dict[str, tuple[Any, dict[str, Any]]] = {
     "suris 1": ((TOP, TOP_START), {"method": "suris", "order": 1}),
@@ -54,6 +56,11 @@ CASES: dict[str, tuple[Any, dict[str, Any]]] = {
         (HIGHER, HIGHER.state(m=MOMENTUM, a=(0.5, -0.1, 0.7, 0.5))),
         {"method": "variational", "order": 2},
     ),
+    "heavy top, n = 4": (
+        (HEAVY, HEAVY.state(M=MOMENTUM, P=(0.5, -0.1, 0.7, 0.5))),
+        {"method": "variational", "order": 2},
+    ),
+    "not by its axes": ((SKEWED, SKEWED.state(M=MOMENTUM, P=(0.5, -0.1, 0.7, 0.5))), {"method": "kahan", "order": 2}),
     "midpoint 4": ((MANAKOV, MANAKOV.state(M=(0.3, 0.5, 1.1))), {"method": "midpoint", "order": 4}),
     "midpoint, spins": ((CHAIN, CHAIN.state(**SPINS)), {"method": "midpoint", "order": 2}),
     "a parameter c": ((KOMAROV, KOMAROV.state(M=(0.3, 0.5, 1.1), P=(0.6, 0, 0.8))), {"method": "kahan", "order": 2}),

@@ -106,7 +106,11 @@ class Stepped:
         oriented = ORIENTATION in dict(fixed.components)
         graph, shapes = Graph(), {k: np.shape(v) for k, v in self.model.params.items()}
         try:
-            self._derived({k: np.reshape(graph.inputs(k, math.prod(shape)), shape)[()] for k, shape in shapes.items()})
+            derived = self._derived(
+                {k: np.reshape(graph.inputs(k, math.prod(shape)), shape)[()] for k, shape in shapes.items()}
+            )
+            if any(np.shape(v) != np.shape(model.constants[k]) for k, v in derived.items()):  # principal axes, n > 3
+                return None
             scheme = find(fixed.name).make(model, dt, fixed.options.get("order"), oriented)
         except (TypeError, AttributeError, NotRecorded, InputError):
             return None
@@ -325,6 +329,7 @@ def _head(stepped: Stepped, names: list[str]) -> list[str]:
     method, order = find(stepped.fixed.name), stepped.fixed.options.get("order")
     conserved = [n for n, o in plan.outcomes.items() if o.conserved]
     constants = ", ".join(f"{k} = {np.asarray(v).tolist()}" for k, v in stepped.model.params.items())
+    of_orbit = "" if stepped.fixed.trajectory is None else f"  {ORBIT}"
     return [
         f"{system.title}: {system.equations}",
         f"[{system.source}]",
@@ -333,7 +338,7 @@ def _head(stepped: Stepped, names: list[str]) -> list[str]:
         "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; symmetric ones "
         "those on and above it; g is a unit quaternion (w, x, y, z), body to space, or a matrix.",
         f"Outputs: {', '.join(names)}.",
-        *([f"{constants}, dt = {plan.dt!r}.  {ORBIT}"] if stepped.fitted else []),
+        *([f"{constants}, dt = {plan.dt!r}.{of_orbit}"] if stepped.fitted else []),
     ]
 
 
@@ -356,8 +361,8 @@ def code(
     language      "c" (C99), "cpp" (C++11), "cuda" (also HIP), "rust", "csharp", "js" (an ES module), "julia",
                   "gdscript" (Godot), "python" or "wgsl" (single precision)
     system, x0    a system with parameters or a body of `kr.physical`, and a state; without x0 an example.  Parameters,
-                  dt and state are arguments in the file, these their default values; only with "baecklund" and
-                  "splitting" the constants of the step belong to x0
+                  dt and state are arguments in the file, these their default values; with "baecklund" and "splitting"
+                  the constants of the step belong to x0, and a `HeavyTop` with n > 3 has its own
     method, order, orientation  as in `kr.simulate`; methods that make steps, n <= 10, and "exact", n = 3.  A body of
                   `kr.physical` carries its orientation
     single        32-bit values, in "c", "cpp", "cuda", "rust" and "julia"
