@@ -14,7 +14,7 @@ TIMED = (2, 4, 8, 12, 16)
 
 
 def speed(steps: int = 200_000, turns: int = 7) -> None:
-    """Nanoseconds a step, the least of some turns."""
+    """Nanoseconds a step, the least of several rounds."""
     for case in cases(3, generic=True):
         if case.name == "symmetric-top":
             continue

@@ -1,4 +1,4 @@
-"""What is measured, and where the results go."""
+"""Cases of the measurements, and the folder of the results."""
 
 from __future__ import annotations
 

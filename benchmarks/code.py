@@ -1,8 +1,8 @@
 """The step of what `kreisel code` writes against the kernel's, without projections, n = 3, with the orientation.
 
-C by gcc and clang with the flags that the files name, JavaScript by Node; processor time, calls in turn, the best of
-fifteen of each; ratios of one run.  The kernel of a free body in closed form is that of a splitting without torque, of
-two such steps.
+C by gcc and clang with the flags that the files name, JavaScript by Node; processor time, alternating calls, the best
+of fifteen of each; ratios of one run.  The kernel of a free body in closed form is the kernel of a splitting without
+torque, of two such steps.
 """
 
 from __future__ import annotations

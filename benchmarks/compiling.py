@@ -1,8 +1,8 @@
-"""What the first run of a kind takes to compile: seconds of processor time, each in a process and a cache of its own.
+"""Time to compile the first run of a kind: seconds of processor time, each in a new process with an empty cache.
 
     python benchmarks/compiling.py
 
-Writes results/compiling.json.  The time is that of the first call less that of the same call once more.
+Writes results/compiling.json.  The time is the first call minus a second, equal one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LANES = 64
 
 
 def calls() -> dict[str, Callable[[], Any]]:
-    """The calls by what is compiled for them."""
+    """Calls, by the kernels that they compile."""
     import kreisel as kr
 
     def run(model: Any, method: str, order: int | tuple[int, ...], lanes: int = 1) -> Callable[[], Any]:

@@ -1,8 +1,8 @@
-"""Cost of controllers: B-dot at 1 Hz in an ensemble, and a control step in a loop of one's own.
+"""Cost of controllers: B-dot at 1 Hz in an ensemble, and a control step in a user's loop.
 
     python benchmarks/control.py [--lanes 256]
 
-Writes results/control.json.  Times are those of one core, as CPU time, the least of some repetitions.  Ensemble:
+Writes results/control.json.  Times are CPU times of one core, the least of several.  Ensemble:
 seconds for a day of 10,000 CubeSats of three units at 500 km, extrapolated from 2000 s of some of them.  Errors: of an
 entry of the attitude in two hours of detumbling.  Call: microseconds of a step of a second by a propagator.
 """

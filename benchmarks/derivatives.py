@@ -1,4 +1,4 @@
-"""Gradients and tangent maps by kr.differentiable: their processor time over that of the motion, and the room.
+"""Gradients and tangent maps by kr.differentiable: processor time relative to the motion, and memory.
 
 python benchmarks/derivatives.py [--steps 1000000]      # writes results/derivatives.json
 """

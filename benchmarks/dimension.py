@@ -3,7 +3,7 @@
 The engine that a run chooses ("chosen": structured code of O(n) or O(n^2) a step from n = 9 on where the step has
 that form, else straight-line code up to n = 10 and the definition on arrays beyond), and the other ones for
 comparison.  Exponents are those of the least squares line through the logarithms, from n = 10 and from n = 100 on: at
-n = 1000 the rows of O(n) kernels no longer stay in the first cache.  The thread's processor time, least of some turns.
+n = 1000 the rows of O(n) kernels no longer stay in the first cache.  Processor time of the thread, least of several.
 
 Accuracy: a million steps at n = 10 with the structured and with the dense kernel, worst of the energy and the Casimirs
 in units in the last place.
@@ -75,7 +75,7 @@ def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
             rows.append((f"{system}, large", system, 1, "suris", "large"))
         if n in DENSE.get(system, ()):
             rows.append((f"{system}, dense", system, 1, "suris", "cpu"))
-    if 10 <= n <= 300:  # beyond, constants in extended precision take minutes
+    if 10 <= n <= 300:  # beyond, constants in extended precision need minutes
         rows.append(("clebsch, baecklund of order 2", "clebsch", 2, "baecklund", None))
     if n >= 10:
         rows.append((ORIENTED, "lagrange-top", 1, "suris", None))

@@ -1,8 +1,8 @@
 """Ensembles of n = 3 trajectories without saving: kr.propagator's `steps` against C++ by hand, all cores against one.
 
-Each map is timed in turn as a user calls it, on one core ("kernel"), as C++ with one to four chains of vectors (the
-fastest counts), and so called on all cores; ratios are medians over the turns.  One core is timed by the processor time
-of the thread, all cores against one by the clock, which says something on an idle machine only: the load average is
+Maps are timed alternately as a user calls them, on one core ("kernel"), as C++ with one to four chains of vectors (the
+fastest counts), and so called on all cores; ratios are medians over the rounds.  One core is timed by the processor
+time of the thread, all cores against one by the clock, which is meaningful on an idle machine only: the load average is
 written with it.  If llvm-mca works, the kernel's loop is set against the cycles that its instructions need at least.
 Writes results/ensemble.json.
 """
@@ -32,7 +32,7 @@ from kreisel.runs.planning import make_plan
 
 STEPS, TURNS, CHECKED = 5_000, 9, 100
 VECTOR = re.compile(r"[yz]mm")
-ANALYSER_SECONDS = 60  # llvm-mca takes less than one
+ANALYSER_SECONDS = 60  # llvm-mca needs less than one
 
 
 def gigahertz(library: ctypes.CDLL) -> float:
@@ -67,7 +67,7 @@ def add_threads_of_cpp(contest: Contest, function: Any) -> None:
 
 
 class Code(NamedTuple):
-    """A kernel's assembly, how many lanes it takes at once, and the quotients of a step."""
+    """A kernel's assembly, the lanes of a vector, and the quotients of a step."""
 
     assembly: str
     lanes: int
@@ -87,9 +87,9 @@ def code_of(case: BenchCase, lanes: int = LANES) -> Code:
 
 
 def bound(code: Code) -> dict[str, Any] | None:
-    """Cycles that the instructions of the loop over steps need a lane, by llvm-mca; None where it is missing or fails.
+    """Cycles that the instructions of the loop over steps need a lane, by llvm-mca; None if it is missing or fails.
 
-    The longest loop of vectors is that of the steps if it has each quotient of the step, once for each vector.
+    The longest loop of vectors is the loop of the steps if it has each quotient of the step, once for each vector.
     """
     analyser = shutil.which("llvm-mca")
     loop = _longest_loop(code.assembly) if analyser else []
@@ -107,7 +107,7 @@ def bound(code: Code) -> dict[str, Any] | None:
 
 
 def _throughput(analyser: str, assembly: str) -> float | None:
-    """Cycles of a block; None where the tool, if older than our LLVM, does not know its syntax or this processor."""
+    """Cycles of a block; None if the tool, if older than our LLVM, does not know its syntax or this processor."""
     command = [analyser, f"-mcpu={processor()[1]}", "-iterations=100"]
     try:
         done = subprocess.run(command, input=assembly, text=True, capture_output=True, check=False,

@@ -132,7 +132,7 @@ def phase(most: int) -> list[dict[str, Any]]:
 
 
 def rows(counts: tuple[int, ...]) -> list[dict[str, Any]]:
-    """Every one of the last 200 steps of so many, against the closed form in 40 digits at the exact times."""
+    """Each of the last 200 steps of a run, against the closed form in 40 digits at the exact times."""
     out = []
     for name, (m, b, p) in STATES.items():
         for dt in (0.1, 0.33, 1.0):
@@ -174,9 +174,9 @@ OPTIONS = {"every": 1, "method": "exact", "order": None}
 
 
 def cost() -> dict[str, Any]:
-    """Times of one core, by the processor time of the thread, in turns.
+    """Times of one core, by the processor time of the thread, alternating.
 
-    Rows as in a run, a block of 2 to 3 MB after another: the first of each turn, after other work, is not counted.
+    Rows as in a run, a block of 2 to 3 MB after another: the first of each round, after other work, is not counted.
     """
     os.environ["KREISEL_NUM_THREADS"] = "1"
     m, b, p = STATES["generic"]

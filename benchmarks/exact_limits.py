@@ -1,7 +1,7 @@
-"""Where the exact flow, n = 3, errs more or costs more than elsewhere.
+"""Limits of the exact flow, n = 3: larger errors and costs than elsewhere.
 
-beside    the orientation beside the critical sleeping top, against Taylor series in 40 digits
-cost      processor time of 1000 rows up to T = 100 there, each in a process of its own that ends after a minute
+beside    the orientation near the critical sleeping top, against Taylor series in 40 digits
+cost      processor time of 1000 rows up to T = 100 there, each in a separate process that ends after a minute
 pairs     Clebsch's case at steps of 1: the error of the state a step, against Taylor series in 40 digits
 """
 
@@ -79,7 +79,7 @@ def pairs() -> dict[str, Any]:
 
 
 def _a_step(model: Any, state: dict[str, np.ndarray]) -> float:
-    """The largest error of the end state over the number of steps of 1, for some numbers of steps."""
+    """The largest error of the end state over the number of steps of 1, for some counts of steps."""
     worst = 0.0
     for steps in STEPS:
         run = kr.simulate(model, state, dt=1.0, steps=steps, every=steps, method="exact")

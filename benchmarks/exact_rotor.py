@@ -1,7 +1,7 @@
-"""The free body, n = 3, in closed form: its errors in ulps, against other formulas in many digits, and what it costs.
+"""The free body, n = 3, in closed form: its errors in ulps, against other formulas in many digits, and its cost.
 
 random        bodies and momenta at random, times up to 1e12
-beside        the same with a momentum or moments moved to within 1e-3 ... 1e-15 of each degenerate case
+beside        such bodies with a momentum or moments moved to within 1e-3 ... 1e-15 of each degenerate case
 cost          microseconds of a jump and of a lane, nanoseconds of a row, seconds of a set-up
 
 Each by polynomials ("parts") and by jumps, with how many of these are right; the reference: tests/rotors.py.

@@ -1,8 +1,8 @@
 """The explicit maps of quadratic fields, n = 3: operations of a step, the longest chain of them, time, and its bound.
 
-Time: without projections, from the shortest of many short calls in turn with the other maps, one trajectory and a lane
-of 64; others' work on the machine raises it.  `of_lagrange_top`: of the paper's map, lagrange-top, in the same
-run.  Bound of a lane: products (fused ones too) at the clock that the machine's own products show, a
+Time: without projections, from the shortest of many short calls, alternating with the other maps, one trajectory and a
+lane of 64; others' work on the machine raises it.  `of_lagrange_top`: of the paper's map, lagrange-top, in the same
+run.  Bound of a lane: products (fused ones too) at the clock that a loop of products shows, a
 vector in one cycle, and each quotient as long as four.  The chain is in cycles, from the state before to that after.
 """
 

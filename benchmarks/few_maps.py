@@ -1,6 +1,6 @@
 """The flow over a step as a product of few Bäcklund maps, by Newton's method in doubles.
 
-top       Lagrange top, n = 3 ... 6: maps with and without turns about p that commute with the conserved block of m
+top       Lagrange top, n = 3 ... 6: maps with and without rotations about p that commute with the conserved block of m
 clebsch   Clebsch's case, n = 3: how far one conjugate pair reaches, followed in h from Padé's zero
 
 Residuals are the largest of any component of the state.
@@ -48,7 +48,7 @@ def flowed(model: Any, z: Z, h: float) -> Z:
 
 
 def turns(m: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
-    """Generators of the turns about p in the planes of the block of m that p does not touch."""
+    """Generators of the rotations about p in the planes of the block of m that p does not touch."""
     block = algebra.project_out(m, p) / (p @ p)
     theta, U = np.linalg.eigh(1j * block)
     return [

@@ -1,4 +1,4 @@
-"""The GPU: what a call does there and on one core, diffrax on the same GPU, and what the kernel alone does.
+"""The GPU: speed of a call there and on one core, of diffrax on the same GPU, and of the kernel without the call.
 
     make bench-gpu
 
@@ -56,7 +56,7 @@ def plan_of(engine: str, lanes: int) -> Any:
 
 
 def speed(engine: str, lanes: int, turns: int) -> dict[str, float]:
-    """Steps a second of the kernel alone, by the clock of the device."""
+    """Steps a second of the kernel, without the call, by the clock of the device."""
     import cupy
 
     work = plan_of(engine, lanes).engine
@@ -206,7 +206,7 @@ SKEW = np.array([[0, 0, -1], [0, 1, 0], [-1, 0, 0.0]])  # entries (1,2), (1,3), 
 
 def bound(engine: str) -> dict[str, Any]:
     """Steps a second that the arithmetic instructions allow."""
-    device()  # refused where there is none
+    device()  # refused if there is none
     import cupy
 
     gpu = cupy.cuda.Device()

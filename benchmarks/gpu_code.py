@@ -52,7 +52,7 @@ def scheme_of(case: BenchCase, method: str, order: int) -> Scheme:
 
 
 def listing(plan: Scheme, engine: str, capability: str) -> tuple[str, str]:
-    """What ptxas says of a kernel, and its machine code."""
+    """Report of ptxas on a kernel, and its machine code."""
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
     body = steps_of_a_lane(recorded_for_gpu(plan, constants, columns, stages), PRECISIONS[engine])
     with tempfile.TemporaryDirectory() as folder:
@@ -77,7 +77,7 @@ def innermost(code: str) -> list[Counter[str]]:
 
 
 def counted(plan: Scheme, engine: str, capability: str = CAPABILITY) -> dict[str, Any]:
-    """Of a kernel: registers, spilled bytes, instructions of the inner loop, and how often a step passes it."""
+    """Figures of a kernel: registers, spilled bytes, instructions of the inner loop, and how often a step passes it."""
     said, code = listing(plan, engine, capability)
     kinds = ARITHMETIC[engine]
     loop = max(innermost(code), key=lambda count: sum(count[k] for k in kinds))

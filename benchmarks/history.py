@@ -18,7 +18,7 @@ FILES = {"single": "ns a step", "ensemble": "ns a lane-step"}
 
 
 def line(date: str, results: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Nanoseconds of each map, n = 3, by what was measured; machine and version."""
+    """Nanoseconds of each map, n = 3, by measurement; machine and version."""
     machine = next(iter(results.values()))["machine"]
     times = {
         FILES[name]: {each: row["kernel"]["ns"] for each, row in result["maps"].items()}
@@ -33,7 +33,7 @@ def lines(file: Path = HISTORY) -> list[dict[str, Any]]:
 
 
 def append(file: Path = HISTORY, results: Path = RESULTS) -> None:
-    """Add what was measured just now."""
+    """Add the last measurement."""
     found = {name: json.loads((results / f"{name}.json").read_text(encoding="utf-8")) for name in FILES}
     with file.open("a", encoding="utf-8") as out:
         out.write(json.dumps(line(datetime.datetime.now(datetime.UTC).date().isoformat(), found)) + "\n")

@@ -1,4 +1,4 @@
-"""Is Hyperion's rotation chaotic?  MEGNO and Lyapunov's times of the whole motion over 10,000 orbits, 583 years.
+"""Is Hyperion's rotation chaotic?  MEGNO and Lyapunov's times of the complete motion over 10,000 orbits, 583 years.
 
     python benchmarks/hyperion.py
 

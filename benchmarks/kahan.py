@@ -1,6 +1,6 @@
-"""Kahan's map: nanoseconds a step by a public call, beside the other maps of the same system.
+"""Kahan's map: nanoseconds a step by a public call, and of the other maps of the same system.
 
-One trajectory, n = 3, order 2, `kr.propagator(...).steps`; the best of five calls, methods in turn.
+One trajectory, n = 3, order 2, `kr.propagator(...).steps`; the best of five calls, alternating methods.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Moser and Veselov's map, n = 3: kreisel's kernel against C++ by Newton's method for quaternions, in one run.
 
-One trajectory, and 1024 lanes on one core; the Lagrange top's map beside it, as a measure of the machine.  Processor
-time, medians over turns.  Writes results/moser_veselov.json.
+One trajectory, and 1024 lanes on one core; and the Lagrange top's map, as a measure of the machine.  Processor
+time, medians over rounds.  Writes results/moser_veselov.json.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SIZES = {"single": (1, 200_000), "lane": (1024, 400)}
 
 
 def kernel(model: object, state: dict[str, object], lanes: int, method: str) -> tuple[Callable[[int], None], object]:
-    """What makes a number of steps, and the engine."""
+    """A function that steps n times, and the engine."""
     start = {k: np.tile(v, (lanes, 1)) for k, v in state.items()} if lanes > 1 else state
     plan = make_plan(model, model.state(**start), dt=DT, steps=1, every=1, method=method, order=2, orientation=None)
     out = np.empty((1, *plan.engine.z.shape))

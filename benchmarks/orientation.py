@@ -32,7 +32,7 @@ def body(name: str, n: int) -> tuple[Any, dict[str, np.ndarray]]:
 
 
 def end(model: Any, state: dict[str, np.ndarray], dt: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """The state and the rotation matrix after so many steps."""
+    """The state and the rotation matrix after n steps."""
     options = {"method": "baecklund", "order": ORDER, "orientation": np.eye(model.n)}
     plan = make_plan(model, model.state(**state), dt=dt, steps=steps, every=steps, **options)
     out = np.empty((1, *plan.engine.z.shape))

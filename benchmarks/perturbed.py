@@ -1,15 +1,15 @@
-"""What a given error costs for perturbed bodies: splittings, `variational` and peers, all as a user calls them.
+"""Cost of a given error for perturbed bodies: splittings, `variational` and peers, all as a user calls them.
 
     python benchmarks/perturbed.py [--splittings | --long STEPS | --cost]   with peers where peers.txt is installed
 
-Writes results/perturbed.json and its table on docs/perturbed.md; with --splittings the rows of these alone, beside
-those that are there; with --long, instead of the rest, what the energy and the Casimirs do over so many steps; with
---cost, what a step takes beside its integrable motions and its kicks, each alone.  Each contender runs over a time of
-100, and of 1e5 where that is said, with steps (or tolerances) that halve; counted are evaluations of the force, those
+Writes results/perturbed.json and its table on docs/perturbed.md; with --splittings only the rows of these, next to the
+stored ones; with --long, instead, the changes of the energy and the Casimirs over STEPS steps; with
+--cost, the time of a step, of its integrable motions and of its kicks.  Each contender runs over a time of
+100, and of 1e5 if stated, with steps (or tolerances) that halve; counted are evaluations of the force, those
 of a corrector and its inverse included, and, of calls of kr.propagator(...).steps (of DOP853: of kr.simulate with one
 row), microseconds of processor time, the least of several calls, warm, on one core.  Batches: 64 lanes of a splitting,
 and heyoka's batch of the width of the machine's vectors, time of a trajectory.  The truth is DOP853 with rtol = 1e-13,
-which the splitting of order 8 with short steps confirms to 1e-9; for T = 1e5 heyoka in 80-bit numbers.
+which the splitting of order 8 with short steps confirms to 1e-9; for T = 1e5 heyoka in 80-bit floats.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ MARK = "<!-- the table of results/perturbed.json -->"
 
 
 class Problem(NamedTuple):
-    """A perturbed body, its state as a mapping, its equations, and the same body as a system of its own, if there is.
+    """A perturbed body, its state as a mapping, its equations, and this body as a separate system, if there is one.
 
     `end`: the time.
     """
@@ -67,7 +67,7 @@ class Problem(NamedTuple):
 
     @property
     def row(self) -> np.ndarray:
-        """The start as `kr.propagator` takes it."""
+        """The start in the form of `kr.propagator`."""
         return np.concatenate([np.asarray(v, dtype=float) for v in self.start.values()], -1)
 
 
@@ -161,7 +161,7 @@ def stepped(
 
 
 def by_peers(problem: Problem) -> dict[str, list[dict[str, float]]]:
-    """The same of heyoka and diffrax, where they are installed."""
+    """Errors and costs of heyoka and diffrax, if they are installed."""
     out: dict[str, list[dict[str, float]]] = {}
     bodies = problem.row if problem.row.ndim > 1 else problem.row[None]
     start = bodies.ravel()
@@ -179,7 +179,7 @@ def by_peers(problem: Problem) -> dict[str, list[dict[str, float]]]:
 
 
 def by_dop853(problem: Problem) -> list[dict[str, float]]:
-    """The same for each tolerance; evaluations are counted by SciPy on the flow itself."""
+    """Errors and costs for each tolerance; evaluations are counted by SciPy on the flow itself."""
     out: list[dict[str, float]] = []
     system = problem.same or problem.body
     orientation = problem.start.get("g")
@@ -246,7 +246,7 @@ def truth(problem: Problem) -> dict[str, np.ndarray]:
 
 
 def by_splittings(problem: Problem) -> dict[str, list[dict[str, float]]]:
-    """The same of each order, of single runs and of batches."""
+    """Errors and costs of each order, of single runs and of batches."""
     rows: dict[str, list[dict[str, float]]] = {}
     for order in ORDERS:
         parts = 3 if isinstance(order, tuple) and order[-1] > 2 and problem.same else 1
@@ -260,7 +260,7 @@ def by_splittings(problem: Problem) -> dict[str, list[dict[str, float]]]:
 
 
 def measure(only: list[str], splittings: bool) -> dict[str, Any]:
-    """Of these problems; `splittings`: these alone."""
+    """Results of these problems; `splittings`: of splittings only."""
     found: dict[str, Any] = {}
     for problem in problems():
         if problem.name not in only or (problem.end > TIME and not find_spec("heyoka")):
@@ -309,13 +309,13 @@ def long_run(steps: int, only: list[str]) -> dict[str, Any]:
 
 
 def nudged(z: tuple[Any, ...]) -> tuple[Any, ...]:
-    """After a kick alone the orientation is what it was, and so would be the next force: a compiler makes it once."""
+    """Kicks between short rotations: after a kick only, a compiler would evaluate the next, equal force once."""
     first, *rest = z
     return (first, *(part + UNSEEN * first[0, 1] for part in rest))
 
 
 def costs(only: list[str], steps: int = 20_000, repetitions: int = 7) -> dict[str, Any]:
-    """Microseconds of processor time of a step, of its integrable motions alone and of its kicks alone."""
+    """Microseconds of processor time of a step, of its integrable motions and of its kicks."""
     out: dict[str, Any] = {}
     for problem in (p for p in problems() if p.name in only and p.end == TIME and p.row.ndim == 1):
         oriented, dt = "g" in problem.start, 0.1

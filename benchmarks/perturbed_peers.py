@@ -1,4 +1,4 @@
-"""The problems of perturbed.py as plain equations, for numbers of every kind, and the peers that integrate them."""
+"""The problems of perturbed.py as plain equations, for values of every kind, and the peers that integrate them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Functions(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """A peer at one tolerance: a run to the end, of `lanes` trajectories, and the evaluations that it takes."""
+    """A peer at one tolerance: a run to the end, of `lanes` trajectories, and the evaluations that it needs."""
 
     label: str
     go: Callable[[], np.ndarray]
@@ -122,7 +122,7 @@ def heyoka_single(rate: Rate, start: np.ndarray, end: float, tolerance: float) -
 
 
 def by_long_doubles(rate: Rate, start: np.ndarray, end: float) -> np.ndarray:
-    """The state at the end by heyoka in 80-bit numbers."""
+    """The state at the end by heyoka in 80-bit floats."""
     import heyoka as hy
 
     wide = np.longdouble

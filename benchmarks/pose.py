@@ -1,4 +1,4 @@
-"""The pose of bodies in a fluid at T = 100: position, orientation and state against heyoka in 80-bit numbers.
+"""The pose of bodies in a fluid at T = 100: position, orientation and state against heyoka in 80-bit floats.
 
 And the energy of a submerged body with more added mass than mass.
 

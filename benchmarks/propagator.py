@@ -1,9 +1,9 @@
-"""What a call costs beside the steps themselves: kr.propagator, kr.at and kr.simulate, all as a user calls them.
+"""Cost of a call in addition to the steps: kr.propagator, kr.at and kr.simulate, all as a user calls them.
 
     python benchmarks/propagator.py
 
 Writes results/propagator.json.  Every figure is the least of several repetitions of a loop of calls, warm, on one core.
-"above the kernel": what a call of one step takes more than a further step in a call of many.
+"above the kernel": the time of a call of one step minus that of a further step in a call of many.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ METHODS = (("suris", None), ("baecklund", 2), ("baecklund", 8))
 
 
 def took(call: Callable[[], Any], repetitions: int = 300, seconds: float = 0.3) -> float:
-    """Microseconds of processor time of a call, the least of several loops of so many seconds together."""
+    """Microseconds of processor time of a call, the least of several loops that last `seconds` together."""
     call()
     begun = time.process_time()
     call()
@@ -45,7 +45,7 @@ def took(call: Callable[[], Any], repetitions: int = 300, seconds: float = 0.3) 
 
 
 def stepping(p: Propagator, x: np.ndarray) -> dict[str, float]:
-    """Microseconds of a call of one step, of a further step, and what the call takes above it."""
+    """Microseconds of a call of one step, of a further step, and their difference."""
     one, many = took(lambda: p.steps(x, 1)), took(lambda: p.steps(x, STEPS))
     step = (many - one) / (STEPS - 1)
     return {"one step us": one, "further step us": step, "above the kernel us": one - step}

@@ -1,4 +1,4 @@
-"""Bodies on orbits and in water against published numbers.
+"""Bodies on orbits and in water against published values.
 
     python benchmarks/published.py
 

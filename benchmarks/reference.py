@@ -1,6 +1,6 @@
 """The recorded map in double-double in C++: the states that a kernel would have without rounding errors.
 
-It shares the formulas with the kernel, and nothing of its arithmetic: what the two differ by is rounding.
+It shares the formulas with the kernel, and nothing of its arithmetic: the difference of the two is rounding.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Reference:
         )
 
     def states(self, counts: list[int], folder: Path) -> np.ndarray:
-        """The states (rows, d, 2) after so many steps, as sums of two doubles; compiled once in a folder."""
+        """The states (rows, d, 2) after n steps, as sums of two doubles; compiled once in a folder."""
         program = folder / hashlib.sha256(self.text.encode()).hexdigest()[:16]
         if not program.exists():
             source = program.with_suffix(".cpp")

@@ -1,8 +1,8 @@
-"""What rounding does to a run: integrals and states after 10^5 to 10^9 steps, with and without the projection.
+"""Effects of rounding on a run: integrals and states after 10^5 to 10^9 steps, with and without the projection.
 
 maps        the same of the paper's maps, as they are timed
 integrals   the largest change of anything conserved, in units in the last place of its scale (`kr.drift`, ulps), at a
-            hundred rows where a projection was just made; and the largest correction; of every system here by its own
+            hundred rows just after a projection; and the largest correction; of every system by its default
             method
 states      the largest error of the state, over the number of steps, of random Lagrange tops, against the closed form
             of the iterates of the same map (`kr.at`), which makes no step
@@ -10,8 +10,8 @@ against     the same over |z| of other maps and orders, n = 3, against the map i
 condition   of the same problems: by how much a random change of the initial state by half a unit in the last place
             changes the state at the end
 longest     the first of `maps` for a hundred times the steps
-            (each run of these three takes at most `--seconds` of the processor, by fewer steps)
-picture     docs/round-off.png: one top by RK4, by DOP853, by the map as it is and by the projected map
+            (each run of these three needs at most `--seconds` of the processor, by fewer steps)
+picture     docs/round-off.png: one top by RK4, by DOP853, by the map without projection and by the projected map
 
     python benchmarks/roundoff.py [--steps 1e8] [--lanes 100] [--seconds 60] [--part NAME]
 """
@@ -63,7 +63,7 @@ START = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
 # n, and the share of the steps that its cost allows.
 DIMENSIONS = {3: 1.0, 4: 0.1, 5: 0.1, 10: 0.1, 100: 0.01}
 LARGE = ("lagrange-top", "lagrange-top-moving", "clebsch")
-# Of the Lagrange top with p = (0, 0, 1): an equilibrium, what is close to one, and motions with fewer frequencies.
+# Of the Lagrange top with p = (0, 0, 1): an equilibrium, states close to one, and motions with fewer frequencies.
 DEGENERATE = {
     "hanging": {"m": (0.0, 0.0, 0.0), "a": (0.0, 0.0, -1.0)},
     "sleeping": {"m": (0.0, 0.0, 2.5), "a": (0.0, 0.0, 1.0)},
@@ -74,9 +74,9 @@ DEGENERATE = {
 
 
 def integrals(steps: int, seconds: float, result: dict[str, Any], save: Callable[[], None]) -> None:
-    """For each system and n the worst change and correction, by its own method; the tops' maps with suris too.
+    """For each system and n the worst change and correction, by its default method; the tops' maps with suris too.
 
-    `result` takes what is found, and what stands there already is not run again.
+    Results go into `result`; runs that it has already are not repeated.
     """
     for what, model, state, method, dt, count in _cases(steps):
         if what in result and result[what].get("asked") == count:
@@ -110,9 +110,9 @@ def _cases(steps: int) -> Iterator[tuple[str, Any, Any, str, float, int]]:
 
 
 def _still(model: Any, state: Any, method: str, dt: float, steps: int, longest: float) -> dict[str, Any]:
-    """After about a hundredth of the steps and after all of them, or as many as can be made in `longest` seconds.
+    """After about a hundredth of the steps and after all of them, or as many as `longest` seconds allow.
 
-    Rows are saved where a projection was just made, if as many were made.
+    Rows are saved just after a projection, if there were enough projections.
     """
     row: dict[str, Any] = {"dt": dt, "ulps": {}}
     count, seconds = max(steps // 100, ROWS), 0.0

@@ -18,7 +18,7 @@ from kreisel.bench import MISSING, compiler
 
 
 def main() -> None:
-    """Say what is done, do it, say where the results are."""
+    """Run a step of the measurements, with a line before it and the place of its results after it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--all", action="store_true", help="also roundoff.py, some minutes")
     options = parser.parse_args()

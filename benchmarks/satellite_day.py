@@ -52,7 +52,7 @@ CASES = {
 
 
 def cross(a: Any, b: Any) -> tuple[float, float, float]:
-    """The vector product, in Python's numbers."""
+    """The vector product, in Python's floats."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 

@@ -1,4 +1,4 @@
-"""The sampled laws of the guides, written again from their sources with NumPy alone, for Basilisk and DOP853.
+"""The sampled laws of the guides, written again from their sources with NumPy only, for Basilisk and DOP853.
 
 A law is called with B the field, T, w the angular velocity, h the momenta of three wheels along the body axes, all in
 the body axes, C the matrix from body to space, r and v in space.  It returns a dipole, A m^2, and the torques of the

@@ -1,16 +1,16 @@
-"""What satellites cost: a year on one core, and 1,000 CubeSats in a sweep.
+"""Cost of satellites: a year on one core, and 1,000 CubeSats in a sweep.
 
     python benchmarks/satellites.py
 
 Writes results/satellites.json. Year: seconds of `kr.simulate` on one core for a CubeSat of three units at 500 km with a
-magnetic moment and sunlight on its six sides, as CPU time, which other work beside hardly changes, the least of three
-calls; and how far the libration of such a satellite under gravity alone is off in a day, in degrees, against steps of a
+magnetic moment and sunlight on its six sides, as CPU time, which other work hardly changes, the least of three
+calls; and how far the libration of such a satellite under gravity only is off in a day, in degrees, against steps of a
 quarter with order (8, 6, 4). Environment: nanoseconds of CPU time of a step of 30 s of order (2, 2) with the models of
 a date, of a single CubeSat on a circular orbit and of each of 256, and the seconds of a single one for ten years. Ten
-years: seconds of `kr.simulate` of all models. Sweep: 1,000 of them at inclinations of their own. The part of its time
+years: seconds of `kr.simulate` of all models. Sweep: 1,000 of them at different inclinations. The part of its time
 that is the kernel's, by that of `kr.propagator` on one core for as many lanes and steps: of the CPU time of a sweep of
-16 days in one process, and of two cores during one of 120 days on two workers, by the clock. The latter says something
-about Kreisel on an idle machine alone, and is left out (null) where the load average was above 0.5 before.
+16 days in one process, and of two cores during one of 120 days on two workers, by the clock. The latter is meaningful
+on an idle machine only, and is left out (null) where the load average was above 0.5 before.
 """
 
 from __future__ import annotations

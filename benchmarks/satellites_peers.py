@@ -10,7 +10,7 @@ coefficients are those of ppigrf's file at the epoch.
 
 error      the largest angle between an attitude and that of the equations, rad, at rows a minute apart; of the first
            hour (error_1h) and to the end
-estimate   Kreisel's own: `kr.analysis.error`
+estimate   of Kreisel: `kr.analysis.error`
 seconds    CPU time of the run
 
 Basilisk is installed as for `engines`, in the versions of engines/pins.toml.
@@ -117,7 +117,7 @@ def coefficients(year: float) -> str:
 
 
 def cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    """The vector product, in Python's numbers."""
+    """The vector product, in Python's floats."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 

@@ -1,7 +1,7 @@
-"""What saving costs: kr.simulate with every = 1, 10, 100, 1000, all integrals computed, against kr.propagator's steps.
+"""Cost of saving: kr.simulate with every = 1, 10, 100, 1000, all integrals computed, against kr.propagator's steps.
 
 Single trajectories, n = 3; ratios of the thread's processor time of a step in one run, medians and quartiles over the
-turns. Memory: the peak of a run to disk over ten times more rows, as a ratio.  Writes results/saving.json.
+rounds. Memory: the peak of a run to disk over ten times more rows, as a ratio.  Writes results/saving.json.
 """
 
 from __future__ import annotations

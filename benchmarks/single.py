@@ -1,7 +1,7 @@
 """Time of one n = 3 trajectory without saving: kr.propagator's `steps` against C++ by hand, in one run.
 
-Each map is timed in turn as a user calls it, projections and the call included ("kernel"), and as C++ of the same
-formula without them, many times over; ratios are medians over the turns.  Writes results/single.json.
+Maps are timed alternately as a user calls them, projections and the call included ("kernel"), and as C++ of the same
+formula without them, many times over; ratios are medians over the rounds.  Writes results/single.json.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Size: lines of the source code by what they are, and how much of it could be said twice.
+"""Size: lines of the source code by kind, and how much of it repeats.
 
     python benchmarks/size.py [FOLDER ...]      # other packages, for comparison
 
@@ -6,7 +6,7 @@ statements  lines if each statement, definition and import had one line, without
 formatted   lines of these statements as the formatter writes them, at 120 columns and with the blank lines it asks for;
             with the docstrings, what no other way of writing the same statements goes below
 nodes       of the syntax tree, without docstrings
-compressed  bytes by LZMA of the code without docstrings and comments; code that says things twice has few for a node
+compressed  bytes by LZMA of the code without docstrings and comments; code that repeats has few for a node
 """
 
 from __future__ import annotations

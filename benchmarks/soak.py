@@ -2,9 +2,9 @@
 
 python benchmarks/soak.py [--part NAME ...] [--share 1.0] [--again]      writes benchmarks/results/soak.json
 
-Each part stands in the result with what was asked, what was done, the seconds and whether it passed; the other parts
-stay as they were.  `--share 0.1` asks for a tenth of the cases, and the result says so.  Fuzzing goes in slices, and
-the result tells after each how many cases are done; it has passed when all have.  `--again` goes on with such a
+The result has the request of each part, its work, the seconds and whether it passed; the other parts
+stay unchanged.  `--share 0.1` asks for a tenth of the cases, and the result states this.  Fuzzing goes in slices, and
+the result states after each how many cases are done; it has passed when all have.  `--again` resumes such a
 result: the slices that failed, and those that are missing.
 """
 
@@ -52,7 +52,7 @@ path = "sweep.zarr"
 
 
 def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
-    """Tests with larger numbers in their environment."""
+    """Tests with larger counts in their environment."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files.split(), "-k", chosen]
     env = {**os.environ, "KREISEL_FULL": "1", **{k: str(v) for k, v in counts.items()}}
     done = subprocess.run(
@@ -66,9 +66,9 @@ def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
 
 
 def fuzzed(chosen: str, name: str, count: int, before: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Cases of tests/cli/test_fuzz.py in slices, each in a process of its own; what is done so far after each.
+    """Cases of tests/cli/test_fuzz.py in slices, each in a separate process; the state after each.
 
-    Of a result of before the slices that failed and those that are missing.
+    With an earlier result, only its failed and its missing slices.
     """
     width = max(1, -(-count // SLICES))
     done, failed = (before["done"], before["failed_slices"]) if before.get("asked") == count else (0, [])
@@ -147,7 +147,7 @@ def memory(share: float) -> dict[str, Any]:
 FUZZED = {
     "fuzzed configurations": ("mutated or anything", "KREISEL_FUZZ", 67_000),
     "fuzzed archives": ("archives", "KREISEL_FUZZ_ARCHIVES", 10_000),
-}  # of the configurations half as many are made by Hypothesis besides: 10^5 together
+}  # of the configurations half as many again come from Hypothesis: 10^5 together
 RESUME, SWEEP = "tests/storage/test_resume.py", "tests/sweeps/test_sweep.py"
 PARTS: dict[str, Callable[[float], dict[str, Any]]] = {
     "kills of a run": lambda share: tests(RESUME, "killed", KREISEL_KILLS=int(200 * share)),
@@ -165,7 +165,7 @@ def known() -> dict[str, Any]:
 
 
 def note(name: str, found: dict[str, Any]) -> None:
-    """Write the result of a part beside the others."""
+    """Write the result of a part, next to the other ones."""
     when = datetime.now(UTC).isoformat(timespec="seconds")
     made = {"kreisel": version("kreisel"), "python": platform.python_version(), "cores": os.cpu_count()}
     result = known()

@@ -27,7 +27,7 @@ def spins(n: int, letters: str) -> dict[str, np.ndarray]:
 
 
 def one(method: str, sites: int) -> dict[str, float]:
-    """In a process of its own."""
+    """The result of a function in a separate process."""
     import kreisel as kr
 
     first = kr.EulerTop(J=(1.0, 2.0, 3.5))  # what any first run loads

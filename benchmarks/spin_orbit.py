@@ -1,15 +1,15 @@
-"""Spins of a REBOUND simulation: what is conserved and what a step costs, beside REBOUNDx; Mercury for 1e5 orbits.
+"""Spins of a REBOUND simulation: conserved quantities and the cost of a step, next to REBOUNDx; Mercury for 1e5 orbits.
 
     python benchmarks/spin_orbit.py
 
 Needs REBOUNDx (`pip install reboundx`, a C compiler).  A few minutes.  G = 1, masses in that of the Sun, au.
 
 moon      the case of the thread reboundx 172: Sun, Earth and Moon, whose orbit is inclined by 60 degrees, tides that
-          lag.  What the thread does not say is chosen here: 32 Earth radii, a day of 5 hours.
+          lag.  The thread leaves open, and this script chooses: 32 Earth radii, a day of 5 hours.
 cost      a step of WHFast with spins and without, of three particles with late tides, and of Mercury
 order     the energy of a star, a planet and a moonless third body against the step
 mercury   from its perihelion in the 3:2 resonance
-tides     the cases of REBOUNDx's own test of conservation, in its own energy, at all phases of the orbit
+tides     the cases of the test of conservation in REBOUNDx, with its energy, at all phases of the orbit
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def triple(integrator: str) -> tuple[Any, dict[str, np.ndarray], float]:
 
 
 def own(integrator: str) -> tuple[Any, Callable[[], np.ndarray], Callable[[int], None], float]:
-    """The simulation, its angular momentum, what goes on by so many steps, and the inner angular momentum."""
+    """The simulation, its angular momentum, a function that steps n times, and the inner angular momentum."""
     sim, spin, inner = triple(integrator)
     bodies = {name: Body(MOMENTS[name], spin=spin[name], love=LOVE[name], lag=LAG) for name in spin}
     spins = attach(sim, bodies, dt=sim.dt if integrator == "ias15" else None)
@@ -73,7 +73,7 @@ def own(integrator: str) -> tuple[Any, Callable[[], np.ndarray], Callable[[int],
 
 
 def peer(integrator: str) -> tuple[Any, Callable[[], np.ndarray], Callable[[int], None], float]:
-    """The same with `tides_spin`, whose tau is half the lag."""
+    """The simulation with `tides_spin`, whose tau is half the lag."""
     sim, spin, inner = triple(integrator)
     extras = reboundx.Extras(sim)
     force = extras.load_force("tides_spin")
@@ -131,7 +131,7 @@ def pair(second: bool) -> Any:
 
 
 def cost(repetitions: int = 40, steps: int = 5000) -> dict[str, Any]:
-    """Nanoseconds of the processor a step of WHFast with spins and without, the least, in turns."""
+    """Nanoseconds of the processor a step of WHFast with spins and without, the least, alternating."""
 
     def alone(make: Callable[[], Any], safe: bool) -> Any:
         sim = make()
@@ -162,7 +162,7 @@ def cost(repetitions: int = 40, steps: int = 5000) -> dict[str, Any]:
 
 
 def parts(loops: int = 20_000, repetitions: int = 40) -> dict[str, int]:
-    """Nanoseconds of the exact rotation and of the interaction of Mercury, each in a loop of its own."""
+    """Nanoseconds of the exact rotation and of the interaction of Mercury, each in a separate loop."""
     spins, found = resonance(0.5)[0], {}
     kinds = spins._prepare(spins.dt, 1, True)
     for name in ("rotation", "interaction"):
@@ -271,7 +271,7 @@ def mercury(orbits: int = 100_000) -> dict[str, Any]:
     return found
 
 
-# -- REBOUNDx's own test ---------------------------------------------------------------------------------------
+# -- the test of REBOUNDx ---------------------------------------------------------------------------------------
 
 
 def tides() -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Start-up: `import kreisel`, and `kreisel run` with a warm cache up to its first step, each in fresh processes.
 
 Wall time from the start of the process, and its processor time (user and system), which other work on the machine
-changes less; least, median and quartiles over the turns.  NumPy alone is measured beside them.
+changes less; least, median and quartiles over the rounds.  NumPy is measured next to them.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 RESULTS = Path(__file__).parent / "results"
-IDLE = 0.5  # load average below which a time by the clock says something about two cores
+IDLE = 0.5  # load average below which a time by the clock is meaningful for two cores
 
 
 def speed_and_stillness() -> str:
@@ -163,7 +163,7 @@ _CALLS = ("one step us", "a state at a time us")
 
 
 def code() -> str:
-    """Files of `kreisel code` beside the kernel."""
+    """Files of `kreisel code` next to the kernel."""
     found = _result("code")["ns_a_step"].items()
     rows = [
         [
@@ -176,7 +176,7 @@ def code() -> str:
 
 
 def code_single() -> str:
-    """Files in numbers of 32 bits, after many frames."""
+    """Files in floats of 32 bits, after many frames."""
     found = _result("code-single")
     rows = [
         [name, f"{row[0]:.0e}", *(f"{v:.2g}" for v in row[1:])]

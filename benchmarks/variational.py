@@ -1,7 +1,7 @@
 """Time of a step of the variational integrator, n = 3, against the map of the Lagrange top, in one run.
 
-The heavy top with three moments is solved by Newton steps; the map is explicit.  Both kernels take turns; ratios are
-medians over the turns.  No parameter is 0 or 1.
+The heavy top with three moments is solved by Newton steps; the map is explicit.  Both kernels alternate; ratios are
+medians over the rounds.  No parameter is 0 or 1.
 """
 
 from __future__ import annotations

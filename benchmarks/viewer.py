@@ -1,8 +1,8 @@
 """The page of a run in headless Chromium without a GPU: pictures a second while it plays, and the size of the page.
 
-Pictures are counted by requestAnimationFrame in which the stage was drawn.  Beside the rate by the clock stands the
-processor time of the whole browser for a picture, which other work on the machine changes less.  Runs of a Lagrange top
-with its orientation, 401 and 100,001 saved states; 1280 x 800 pixels.  Needs chromium.
+Pictures are counted by requestAnimationFrame in which the stage was drawn.  Next to the rate by the clock is the
+processor time of the complete browser for a picture, which other work on the machine changes less.  Runs of a Lagrange
+top with its orientation, 401 and 100,001 saved states; 1280 x 800 pixels.  Needs chromium.
 """
 
 from __future__ import annotations

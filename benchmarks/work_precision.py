@@ -3,10 +3,10 @@
     make work-precision            installs the peers of peers.txt, measures, writes results and figures
 
 One trajectory on one core, from time 0 to T, only the end state kept; compiling is not counted.  Time is
-that of the processor, so that other work on the machine does not count.  All run in one process and take turns; a
-figure is the median over the turns, and `ratio` the median of the ratios, in each turn, to heyoka at its full
+that of the processor, so that other work on the machine does not count.  All run in one process, alternating; a
+figure is the median over the rounds, and `ratio` the median of the ratios, in each round, to heyoka at its full
 precision.  `error` is the largest error of a component of the state, relative to the largest component, against Taylor
-series in 24 digits (problems.py).  Peers that are not installed are left out, and the result says so.
+series in 24 digits (problems.py).  Peers that are not installed are left out, and the result states this.
 
     kreisel    suris 1, 2; baecklund 2 ... 24; variational 2 ... 8; exact, n = 3: steps of the flow, of the tops at
                each of them the closed form, of Clebsch's case copies of a conjugate pair; exact jump: the end state
@@ -15,7 +15,7 @@ series in 24 digits (problems.py).  Peers that are not installed are left out, a
     heyoka     Taylor series, compiled for the problem; its tolerance from 1e-6 to the last bit
     diffrax    Dopri8 and Tsit5 with a PID controller, compiled by JAX
     scipy      DOP853, the right-hand side compiled
-    mujoco     RK4 on the engine's own model of the top, n = 3
+    mujoco     RK4 on the engine's model of the top, n = 3
 
 Batches: 64 lanes of kreisel, and heyoka's batch of the width of the machine's vectors, time of a trajectory.
 """
@@ -108,7 +108,7 @@ def jump(problem: Problem, end: float, lanes: int = 1) -> Run:
 
 
 def row_of(problem: Problem, lanes: int = 1) -> np.ndarray:
-    """The start as `kr.propagator` takes it, (size,) or (lanes, size)."""
+    """The start in the form of `kr.propagator`, (size,) or (lanes, size)."""
     x = np.concatenate([algebra.axial(problem.skew), problem.vector]) if problem.n == 3 else problem.start
     return np.tile(x, (lanes, 1)) if lanes > 1 else x
 
@@ -322,7 +322,7 @@ def contenders(problem: Problem, end: float, limit: float) -> Iterator[Run]:
 
 
 def adaptive(problem: Problem) -> Iterator[Callable[[float], Run]]:
-    """The peers that take a tolerance; each is compiled once for all times."""
+    """The peers with a tolerance; each is compiled once for all times."""
     if find_spec("heyoka"):
         for tolerance in (*TOLERANCES, BASE[1]):
             yield heyoka_single(problem, tolerance)
@@ -336,7 +336,7 @@ def adaptive(problem: Problem) -> Iterator[Callable[[float], Run]]:
 
 
 def measure(problem: Problem, makers: list[Callable[[float], Run]], end: float, turns: int) -> list[dict[str, Any]]:
-    """All runs to one time, in turns."""
+    """All runs to one time, alternating."""
     runs = [*contenders(problem, end, 0.05 * (end / 100) ** 0.7)]
     for make in makers:
         runs.append(make(end))

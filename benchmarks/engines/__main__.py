@@ -4,7 +4,7 @@
     python benchmarks/engines mujoco rapier these only, the others keep their results
     python benchmarks/engines --fresh NAME  the newest versions, which are written into pins.toml
 
-Each engine runs in an environment of its own, under .venv-engines; each run of it is a process of its own, which the
+Each engine runs in a separate environment, under .venv-engines; each run of it is a separate process, which the
 adapter in adapters/ makes from a job (adapters/wire.py) and which ends after --limit seconds.  Writes
 results/engines.json after every engine.
 """
@@ -136,7 +136,7 @@ def text(result: dict[str, Any]) -> str:
 
 
 def save(name: str, record: dict[str, Any]) -> None:
-    """The record of one engine, among those of the others, in the order of the catalogue."""
+    """The record of one engine, merged with the other records in the order of the catalogue."""
     result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {"engines": {}}
     found = {**result["engines"], name: record}
     ordered = {e["name"]: found[e["name"]] for e in engines() if e["name"] in found}

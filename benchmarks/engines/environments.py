@@ -44,7 +44,7 @@ def command(engine: dict[str, Any]) -> tuple[list[str], Path]:
 
 
 def install(engine: dict[str, Any], fresh: bool = False) -> str:
-    """Installs what pins.toml lists, or, fresh, what the engine asks for; the packages now there.
+    """Installs the packages of pins.toml, or, fresh, the requirements of the engine; returns the packages.
 
     Raises `RuntimeError` with the reason.
     """

@@ -40,7 +40,7 @@ def job(engine: dict[str, Any], setting: str) -> dict[str, Any]:
 
 
 def measured(text: str) -> dict[str, Any]:
-    """The numbers for the picture from an adapter's answer."""
+    """Values for the picture, from an adapter's answer."""
     answered = scorecard.answer(text)
     inertia = np.diag(scorecard.job(BODY, 0.01, "", "")["inertia"])
     return numbers(answered.attitude, answered.rates, inertia) | {"version": answered.about["version"]}

@@ -15,7 +15,7 @@ import kreisel as kr
 __all__ = ["BODIES", "Answer", "Body", "answer", "grade", "job", "jobs", "order"]
 
 ROWS = 40  # at most, of a run
-LOST = 1e3  # a body that turns so many times faster than at the start
+LOST = 1e3  # factor of the rate at the start beyond which a body is too fast
 REFINED = (1, 10)  # a step of an engine's users, and a tenth of it
 HALVED = "tumbling-brick"  # runs with half the step too, for the order
 
@@ -49,7 +49,7 @@ BODIES = (
 
 @dataclass(frozen=True)
 class Answer:
-    """An adapter's answer: what it says of itself, and rows of time, attitude (w, x, y, z) and rates."""
+    """An adapter's answer: its description, and rows of time, attitude (w, x, y, z) and rates."""
 
     about: dict[str, Any]
     times: Any

@@ -1,4 +1,4 @@
-"""A hard trial: kills, corruptions, configurations and calls, in a place of its own.
+"""A hard trial: kills, corruptions, configurations and calls, in a separate place.
 
     python benchmarks/trial [--minutes 30] [--workers 2] [--seed 1] [--part NAME ...] [--case N] [--out FILE]
 
@@ -30,7 +30,7 @@ import telling
 RESULT = Path(__file__).parents[1] / "results" / "trial.json"
 PAGE = Path(__file__).parents[2] / "docs" / "promises.md"
 FULL = 30.0  # minutes
-CASES = 0.94  # of the time; the rest is for what the parts need before
+CASES = 0.94  # of the time; the remainder is for the preparation of the parts
 PACKAGES = ("kreisel", "numpy", "scipy", "llvmlite", "xarray", "zarr", "jax", "distributed")
 
 
@@ -48,7 +48,7 @@ def arguments() -> argparse.Namespace:
 
 
 def inside(asked: argparse.Namespace) -> int:
-    """What is done in the namespace; the result goes to stdout."""
+    """The parts, in the namespace; the result goes to stdout."""
     place = sandbox.enter(asked.inside, asked.private)
     sandbox.sentinel(asked.inside)
     import parts

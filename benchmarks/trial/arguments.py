@@ -1,4 +1,4 @@
-"""What is called, and the kinds of its arguments."""
+"""Calls of the trial, and the kinds of their arguments."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Call:
 
 @dataclass
 class Around:
-    """What calls are about: systems, states, runs in memory and on disk."""
+    """Subjects of calls: systems, states, runs in memory and on disk."""
 
     base: Path
     folder: Path
@@ -67,7 +67,7 @@ def make(base: Path) -> None:
 
 
 def around(folder: Path) -> Around:
-    """What the calls of a case are about."""
+    """Subjects of the calls of a case."""
     return Around(folder.parent.parent, folder, _made["runs"], _made["stores"])
 
 
@@ -81,7 +81,7 @@ def _run(name: str, n: int, lanes: int = 0, **options: Any) -> Any:
 
 
 def drawn(call: Call, here: Around, rng: random.Random) -> tuple[list[Any], dict[str, Any]]:
-    """Arguments of a call.  Where one is a model, the states are its own."""
+    """Arguments of a call.  If one is a model, the states are states of it."""
     chosen: dict[str, Any] = {}
     given = [value(kind, here, rng, chosen) for kind in call.given]
     keywords = {}
@@ -358,6 +358,6 @@ KINDS: dict[str, Function] = {
     "law": _choice(_brake, _brake, None, 3, "law"),
     "memory": _choice({}, {}, {"before": (0, 0, 0)}, {"x": "y"}, 3, "memory"),
     "air": _choice(None, None, "exponential", "harris-priester", "thick", 3),
-    "dimension": _choice(3, 4, 5, 1, 0, -1),  # kernels for n = 10 take half a minute to compile
+    "dimension": _choice(3, 4, 5, 1, 0, -1),  # kernels for n = 10 need half a minute to compile
     "eps": _choice(None, 1, "1/3", 0, 0.25),
 }

@@ -1,7 +1,7 @@
 """Calls of the public Python API from a grammar: a good value, or a documented exception; nothing infinite unexplained.
 
 A call is a function and a kind for each of its arguments (`arguments.py`); most values are of the kind, some at its
-edge, some of no kind at all.  The runs, archives and states that calls are about are made once in each process.
+edge, some of no kind at all.  The runs, archives and states that calls are about are created once in each process.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from pool import note
 LONGEST = 2000
 DATES_OR_LATER = ("epoch", "draws", "rng")  # arguments that are dates, and those that a sweep checks
 SHOWN = 300
-# What Python itself says of a call that does not fit the signature, before any code of Kreisel's runs.
+# Python's message on a call that does not fit the signature, before any code of Kreisel's runs.
 MISCALLED = re.compile(r"unexpected keyword argument|missing \d+ required|positional argument|multiple values")
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f\x80-\x9f]")
 
 
 def make(base: Path) -> None:
-    """The archives that are opened, and the kernels of the runs, made once."""
+    """The archives that are opened, and the kernels of the runs, created once."""
     corruptions.make(base)
     apart(arguments.make, base)
 
@@ -92,7 +92,7 @@ def case(rng: random.Random, folder: Path) -> str:
 
 @contextlib.contextmanager
 def quiet() -> Any:
-    """What is printed, caught."""
+    """Printed text, caught."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
         yield out
@@ -137,4 +137,4 @@ def infinite(value: Any, path: str = "value") -> str:
 
 
 def ignored(value: Any) -> None:
-    """A result that is text, a picture or a page: that it was made is enough."""
+    """A result that is text, a picture or a page: it only has to exist."""

@@ -1,4 +1,4 @@
-"""Sweeps on worker processes and on a scheduler of its own: clients, workers and schedulers killed on the way."""
+"""Sweeps on worker processes and on a separate scheduler: clients, workers and schedulers killed on the way."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ system.alpha = { uniform = [0.5, 1.5] }
 [output]
 path = "sweep.zarr"
 """
-# The command with a clock that stands, so that all bytes can be compared.
+# The command with a stopped clock, so that all bytes can be compared.
 COMMAND = """
 import sys
 sys.path.insert(0, {here!r})
@@ -79,7 +79,7 @@ def blocks_done(folder: Path) -> int:
 
 
 def until(folder: Path, count: int, client: subprocess.Popen[str]) -> None:
-    """Wait until so many blocks are there, or the client has ended."""
+    """Wait until n blocks are there, or the client has ended."""
     end = time.monotonic() + START
     while blocks_done(folder) < count and client.poll() is None:
         if time.monotonic() > end:
@@ -114,7 +114,7 @@ def make(base: Path) -> None:
 
 
 def case(rng: random.Random, folder: Path) -> str:
-    """One of the disturbances; then the same command in this process ends what is left."""
+    """One of the disturbances; then the same command in this process completes the sweep."""
     name = rng.choice(list(DISTURBED))
     (folder / "sweep.toml").write_text(TOML, encoding="utf-8")
     count = rng.randrange(1, BLOCKS - 3)
@@ -221,7 +221,7 @@ def worker_of_a_scheduler(folder: Path, count: int) -> None:
 
 
 def client_of_a_scheduler(folder: Path, count: int) -> None:
-    """The client is killed; workers of somebody else's go on with what they had."""
+    """The client is killed; workers of somebody else continue their work."""
     with scheduler(folder) as (_, address), worker(folder, address):
         with process(command("--scheduler", address), folder) as client:
             until(folder, count, client)
@@ -230,7 +230,7 @@ def client_of_a_scheduler(folder: Path, count: int) -> None:
 
 
 def killed_scheduler(folder: Path, count: int) -> None:
-    """The scheduler is killed: one message, and what was done is kept."""
+    """The scheduler is killed: one message, and finished blocks are kept."""
     with scheduler(folder) as (started, address), worker(folder, address):
         with process(command("--scheduler", address), folder) as client:
             until(folder, count, client)

@@ -60,7 +60,7 @@ def furnish(folder: Path, old: bool) -> None:
 
 
 def theirs(folder: Path) -> list[Any]:
-    """What must not change."""
+    """Files that must not change."""
     out: list[Any] = []
     for name in (*THESIS, "thesis.zarr.part/notes.txt"):
         path = folder / name
@@ -95,12 +95,12 @@ def case(rng: random.Random, folder: Path) -> str:
 
 
 def kept(err: str) -> bool:
-    """Whether a message says that something was kept, which can go on."""
+    """Whether a message states that an archive was kept, which can be resumed."""
     return "kept" in err or "resume" in err or "goes on" in err
 
 
 def judged(words: list[str], code: int, out: str, err: str) -> list[str]:
-    """What is wrong with what the command line said."""
+    """Faults of the output of the command line."""
     faults = []
     if code not in CODES.get(words[0], {0, 2}) or (code == 3 and "conserve" not in err):
         faults.append(f"exit code {code}")
@@ -123,7 +123,7 @@ def judged(words: list[str], code: int, out: str, err: str) -> list[str]:
 
 
 def infinite(folder: Path, new: set[str]) -> list[str]:
-    """Numbers that are not finite in what was just made, and nothing was said."""
+    """Values of a new archive that are not finite, without a message."""
     import kreisel as kr
 
     faults = []
@@ -144,7 +144,7 @@ def infinite(folder: Path, new: set[str]) -> list[str]:
 
 
 def with_file(rng: random.Random, folder: Path) -> list[str]:
-    """A TOML file and the command that takes it."""
+    """A TOML file and the command that reads it."""
     sweeping = rng.random() < 0.25
     data = configuration(rng, folder, sweeping)
     text = rendered(data, rng)
@@ -179,7 +179,7 @@ def configuration(rng: random.Random, folder: Path, sweeping: bool) -> dict[str,
     from kreisel.system import REGISTRY
 
     names = list(REGISTRY)
-    name = rng.choice(["lagrange-top"] * 40 + ["clebsch"] * 10 + names)  # others take a second to compile
+    name = rng.choice(["lagrange-top"] * 40 + ["clebsch"] * 10 + names)  # others need a second to compile
     system = REGISTRY[name]
     n = dimension(system, rng)
     lanes = rng.choice([0, 0, 0, 0, 0, 2]) if not sweeping else 0
@@ -208,7 +208,7 @@ def configuration(rng: random.Random, folder: Path, sweeping: bool) -> dict[str,
 
 
 def settings(rng: random.Random) -> dict[str, Any]:
-    """[run]: never more than some hundred steps that can be made."""
+    """[run]: at most some hundred possible steps."""
     steps = rng.choice([1, 5, 20, 40, 100])
     out = {"dt": maybe(rng.choice([0.05, 0.1, 0.02]), rng), "steps": never_long(maybe(steps, rng))}
     if rng.random() < 0.6:
@@ -227,7 +227,7 @@ def settings(rng: random.Random) -> dict[str, Any]:
 
 
 def output(rng: random.Random, folder: Path) -> dict[str, Any]:
-    """[output]: a good name, or one that stands for something else."""
+    """[output]: a good name, or one with another meaning."""
     share = rng.random()
     path: Any = rng.choice(NAMES) if share < 0.75 else rng.choice(IN_THE_WAY)
     path = plain(rng) if share > 0.97 else path.replace("{case}", folder.name)

@@ -1,6 +1,6 @@
-"""Corruptions of every kind: none may pass `kreisel check`, and what is opened has the true values or is refused.
+"""Corruptions of every kind: none may pass `kreisel check`, and an opened archive has the true values or is refused.
 
-The interrupted archive is always reported by `kreisel check`; there a corruption has to be named beside the
+The interrupted archive is always reported by `kreisel check`; there a corruption has to be named in addition to the
 interruption, or not to matter: the values are the true ones, and so are the bytes after `kreisel resume`.
 """
 
@@ -72,7 +72,7 @@ def case(rng: random.Random, folder: Path) -> str:
 
 
 def _judged(store: str, truth: str, whole: str) -> list[str]:
-    """What does not hold of a damaged archive."""
+    """Promises that a damaged archive breaks."""
     stores.settle()
     import kreisel as kr
 
@@ -117,7 +117,7 @@ def _resumed(path: Path, whole: str) -> list[str]:
 
 
 def compared(found: dict[str, np.ndarray], known: dict[str, np.ndarray]) -> list[str]:
-    """What differs between values that were read and the true ones."""
+    """Differences between the values read and the true ones."""
     other = [
         name
         for name, value in known.items()

@@ -1,4 +1,4 @@
-"""Damages of every kind to an archive: (store, another store, rng) -> what was done, or "" where it does not apply."""
+"""Damages of every kind to an archive: (store, another store, rng) -> a description, or "" if it does not apply."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ def _edited(value: Any, rng: random.Random) -> Any:
 
 
 def checksums_edited(store: Path, other: Path, rng: random.Random) -> str:
-    """Something in the files that say what the others should be."""
+    """Damage to the files that list the other files."""
     places = sorted(p for p in (store / "engine").rglob("*.sha256") if p.is_file())
     if not places:
         return ""

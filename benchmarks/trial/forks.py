@@ -14,7 +14,7 @@ from typing import Any
 
 
 class Apart(Exception):
-    """What a function in a process of its own raised; `kind` is the name of its class."""
+    """The exception of a function in a separate process; `kind` is the name of its class."""
 
     def __init__(self, kind: str, words: str):
         self.kind = kind
@@ -22,7 +22,7 @@ class Apart(Exception):
 
 
 def apart(function: Callable[..., Any], *args: Any) -> Any:
-    """The value of a function, as JSON keeps it, computed in a process of its own.  Raises `Apart`."""
+    """The value of a function, as JSON keeps it, computed in a separate process.  Raises `Apart`."""
     read, write = os.pipe()
     pid = begun(_answering, write, function, *args)
     os.close(write)
@@ -42,7 +42,7 @@ def apart(function: Callable[..., Any], *args: Any) -> Any:
 
 
 def begun(function: Callable[..., Any], *args: Any) -> int:
-    """Start a function in a process of its own; its process id.  It ends with 0, or 1 where it raises."""
+    """Start a function in a separate process; its process id.  It ends with 0, or 1 if it raises."""
     sys.stdout.flush()
     sys.stderr.flush()
     pid = os.fork()

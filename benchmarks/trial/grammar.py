@@ -1,4 +1,4 @@
-"""Values from a grammar: good ones of each kind, the edges of each kind, and what is of no kind at all."""
+"""Values from a grammar: good ones of each kind, the edges of each kind, and values of no kind at all."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def nested(rng: random.Random) -> Any:
 
 
 def wrong_shape(rng: random.Random) -> Any:
-    """Lists of numbers, of any shape, some ragged."""
+    """Lists of floats and integers, of any shape, some ragged."""
     kinds: list[Callable[[], Any]] = [
         lambda: [],
         lambda: [[]],
@@ -70,7 +70,7 @@ def plain(rng: random.Random) -> Any:
 
 
 def no_number(value: Any) -> bool:
-    """Whether a value looks like numbers and is none: hidden entries, dates, complex numbers, impossible moments."""
+    """Whether a value looks numeric and is not: hidden entries, dates, complex numbers, impossible moments."""
     if isinstance(value, list | tuple):
         return value in ([3.0, 5.0, 9.0], [1, "x"]) or any(no_number(v) for v in value if not isinstance(v, list))
     if isinstance(value, np.ma.MaskedArray):
@@ -121,7 +121,7 @@ def strange(rng: random.Random) -> Any:
 
 
 def odd(rng: random.Random, python: bool = False) -> Any:
-    """What is at the edge of every kind."""
+    """Values at the edge of every kind."""
     return strange(rng) if python and rng.random() < 0.45 else plain(rng)
 
 
@@ -149,14 +149,14 @@ def scaled(value: Any, rng: random.Random) -> Any:
 
 
 def maybe_python(good: Any, rng: random.Random, share: float = ODD) -> Any:
-    """A good value, or one that is odd, or at the edge of its own kind."""
+    """A good value, or one that is odd, or at the edge of its kind."""
     if rng.random() >= share:
         return good
     return scaled(good, rng) if isinstance(good, list | float) and rng.random() < 0.5 else odd(rng, True)
 
 
 def parameters(system: Any, n: int, rng: random.Random) -> dict[str, Any]:
-    """Good parameters of a system, as plain lists and numbers."""
+    """Good parameters of a system, as plain lists, floats and integers."""
     from kreisel.lab import exact
 
     draw = exact.float_random(np.random.default_rng(rng.randrange(20)))
@@ -196,7 +196,7 @@ def orientation(n: int, rng: random.Random) -> Any:
 
 
 def toml(value: Any) -> str:
-    """A value in TOML; what TOML cannot say becomes text that is no TOML."""
+    """A value in TOML; a value that TOML cannot hold becomes text that is not TOML."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int):
@@ -213,7 +213,7 @@ def toml(value: Any) -> str:
 
 
 def key(name: str) -> str:
-    """A key, quoted where it has to be."""
+    """A key, quoted if necessary."""
     bare = name and all(c.isascii() and (c.isalnum() or c in "_-") for c in name)
     return name if bare else toml(name)
 

@@ -1,8 +1,8 @@
-"""Runs and sweeps that are killed, at random moments and at named ones, and what is there afterwards.
+"""Runs and sweeps that are killed, at random moments and at named ones, and the archives they leave.
 
 Named moments are the events at which files change: before the k-th opening for writing, renaming, removing, making of a
 folder, or fsync, counted by an audit hook in the process that is killed; or with the file just emptied that it opened
-to write.  After each kill what is there is opened, checked and drawn; in the end the store must have the bytes of a run
+to write.  After each kill the archive is opened, checked and drawn; in the end the store must have the bytes of a run
 that was never killed, and nothing else be in its folder.
 """
 
@@ -38,7 +38,7 @@ def warm(base: Path) -> None:
 
 
 def ready(base: Path, name: str) -> Path:
-    """The folder of a scenario as it is before, and what is there after it, made once."""
+    """The folder of a scenario before it, and its files after it, created once."""
     place = base / "scenarios" / name.replace(" ", "_")
     place.mkdir(parents=True, exist_ok=True)
     with (place / "lock").open("w") as lock:
@@ -100,7 +100,7 @@ def watched(last: int | None, torn: bool) -> Callable[[], int]:
                 count_of_opening.give()
 
     class _Once:
-        """Opening within the hook is no event."""
+        """Opening within the hook is not an event."""
 
         free = True
 
@@ -172,7 +172,7 @@ def _finished(name: str, folder: str) -> None:
 
 
 def _looked_at(name: str, place: str, folder: str, drawn: bool) -> list[str]:
-    """What is wrong with what a kill left."""
+    """Faults of an archive that a kill left."""
     os.chdir(folder)
     stores.settle(sharded=SCENARIOS[name].sharded)
     faults, whole = [], 0
@@ -190,7 +190,7 @@ def _looked_at(name: str, place: str, folder: str, drawn: bool) -> list[str]:
 
 
 def _wrong(path: Path, known: list[dict[str, np.ndarray]], drawn: bool) -> list[str]:
-    """Open, check and draw an archive, whole or in part."""
+    """Open, check and draw an archive, complete or in part."""
     import kreisel as kr
 
     whole, sweep = complete(path), False

@@ -71,7 +71,7 @@ def _judged(folder: str, name: str, truth: str, before: dict[str, int], whole: s
 
 
 def _resumed(path: Path, before: dict[str, int], aim: dict[str, str]) -> list[str]:
-    """Whether it goes on, at once or with the modes as they were, to the right bytes."""
+    """Whether it resumes, at once or with the previous modes, to the right bytes."""
     import kreisel as kr
 
     done = path.with_suffix("")

@@ -1,4 +1,4 @@
-"""The parts of the trial, imported before any process is forked: what they use is then shared, and no thread runs."""
+"""The parts of the trial, imported before any process is forked: their modules are then shared, and no thread runs."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Numbered cases in processes of their own, each with limits of time and memory, from one seed.
+"""Numbered cases in separate processes, each with limits of time and memory, from one seed.
 
 A case is a function (rng, folder) -> its outcome, in a word; whatever it raises is a fault.  Its random numbers
-depend on the seed, the part and its number alone, so that one case can be repeated.
+depend only on the seed, the part and its number, so that one case can be repeated.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any
 
 import sandbox
 
-SECONDS = 20  # of a case, of processor time: a busy machine is no fault
+SECONDS = 20  # of a case, of processor time: a busy machine is not a fault
 PATIENCE = 3  # times as long on the clock
 GRACE = 5.0  # seconds beyond, before a process that obeys no signal is killed
 ADDRESS_SPACE = 8 << 30
@@ -41,7 +41,7 @@ _listening: list[Any] = []  # the pipe to the parent
 
 
 def note(text: str) -> None:
-    """What the case is about, reported at once: should it hang or die, this is known of it."""
+    """The subject of the case, reported at once, in case it hangs or dies."""
     for out in _listening:
         print(json.dumps({"note": text[:2000]}), file=out, flush=True)
 
@@ -52,7 +52,7 @@ class Hang(BaseException):
 
 @dataclass
 class Part:
-    """A part of the trial: its name, one case, how many for 30 minutes, their share of the time, what the words say."""
+    """A part of the trial: its name, one case, how many for 30 minutes, their share of the time, the legend."""
 
     name: str
     case: Case
@@ -82,7 +82,7 @@ class Tally:
 
 @contextmanager
 def limit(seconds: float) -> Iterator[None]:
-    """Raises `Hang` after so many seconds of the processor, or three times as many on the clock."""
+    """Raises `Hang` after some seconds of the processor, or three times as many on the clock."""
 
     def ring(number: int, _: object) -> None:
         clock = number == signal.SIGALRM
@@ -199,7 +199,7 @@ class _Worker:
                 target()
 
     def lines(self) -> tuple[list[dict[str, Any]], bool]:
-        """What was reported since, and whether the process has ended."""
+        """Reports since the last call, and whether the process has ended."""
         ended = False
         while True:
             try:
@@ -271,7 +271,7 @@ def _look_at(hand: _Worker, tally: Tally, part: Part) -> None:
 
 
 def brief(text: str) -> str:
-    """Without what is repeated, and not too long."""
+    """Text without repetitions, and not too long."""
     return re.sub(r"(.)\1{40,}", r"\1\1\1...", text)[:1500]
 
 

@@ -1,8 +1,8 @@
-"""A place of its own for what may go wrong: processes, devices and files that nothing else shares.
+"""A separate place for the trial: processes, devices and files that nothing else shares.
 
 As root: a namespace of mounts and of processes.  Every file system there is read-only but one in memory, and /dev holds
-null, zero, urandom and full alone, made anew, so that nothing of the machine's can be written, whatever is called.
-Elsewhere a temporary folder, and paths of devices are not tried; the result says which of the two it was.
+null, zero, urandom and full alone, created anew, so that no call can write to the machine.
+Elsewhere a temporary folder, and paths of devices are not tried; the result states which of the two it was.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CAPABILITY_VERSION = 0x20080522  # of Linux
 
 
 def command(inner: list[str]) -> list[str]:
-    """The command in a namespace of its own where that is permitted, else as it is."""
+    """The command in a separate namespace if that is permitted, else unchanged."""
     outer = ["unshare", "--mount", "--pid", "--fork", "--mount-proc", "--kill-child"]
     try:
         permitted = (
@@ -39,9 +39,9 @@ def command(inner: list[str]) -> list[str]:
 
 
 def enter(folder: Path, private: bool) -> str:
-    """Make `folder` the only place where anything can be written, with an environment inside it; what it is.
+    """Make `folder` the only place where anything can be written, with an environment inside it; its description.
 
-    Raises `OSError` or `subprocess.CalledProcessError` where a namespace was made and does not hold.
+    Raises `OSError` or `subprocess.CalledProcessError` if a namespace was created and does not hold.
     """
     if private:
         _mount("-t", "tmpfs", "-o", f"size={LARGEST},mode=755", "tmpfs", str(folder))
@@ -99,7 +99,7 @@ def die_with_parent() -> None:
 
 
 def sentinel(folder: Path) -> Path:
-    """Files beside the cases that must never change."""
+    """Files next to the cases that must never change."""
     place = folder / "sentinel"
     (place / "thesis" / "figures").mkdir(parents=True)
     for name in ("thesis/chapter.tex", "thesis/figures/one.csv", "run.zarr", "data.csv"):
@@ -119,7 +119,7 @@ def listing(place: Path) -> list[tuple[str, int, int, int]]:
 
 
 def stays(place: Path, before: list[tuple[str, int, int, int]]) -> bool:
-    """Whether a listing is what it was; a lock of another worker, who writes there too, stands for a moment."""
+    """Whether a listing is unchanged, apart from a momentary lock of another worker, who writes there too."""
     end = time.monotonic() + MOMENT
     while listing(place) != before:
         if time.monotonic() > end:

@@ -1,4 +1,4 @@
-"""What is killed: runs by every engine and of every shape, resumed, lengthened, in the place of others, and sweeps."""
+"""Scenarios for kills: runs by every engine and of every shape, resumed, lengthened, replacing others, and sweeps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAME, PART = "run.zarr", "run.zarr.part"
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is killed: a folder is prepared, then `act` is called in it; `again` goes on until it is done."""
+    """A scenario: a folder is prepared, then `act` is called in it; `again` resumes until it is complete."""
 
     prepare: Callable[[Path], None]
     act: Callable[[Path], None]
@@ -83,7 +83,7 @@ def overwriting() -> Scenario:
 
 
 def resuming(**options: Any) -> Scenario:
-    """A run that was interrupted goes on."""
+    """A run that was interrupted is resumed."""
 
     def whole(path: Path) -> None:
         stores.run(path, "lagrange-top", **options)
@@ -120,7 +120,7 @@ def extending() -> Scenario:
 
 
 def swept(over: bool = False, weight: int = 6, **options: Any) -> Scenario:
-    """A sweep; the same call goes on."""
+    """A sweep; an equal call resumes it."""
 
     def prepare(folder: Path) -> None:
         if over:
@@ -133,7 +133,7 @@ def swept(over: bool = False, weight: int = 6, **options: Any) -> Scenario:
 
 
 def own() -> Scenario:
-    """A Lagrangian of one's own: it cannot be resumed, as the archive holds no code; it is run again."""
+    """A user-defined Lagrangian: it cannot be resumed, as the archive holds no code; it is run again."""
 
     def prepare(folder: Path) -> None:
         (folder / "own.py").write_text(stores.OWN, encoding="utf-8")
@@ -175,7 +175,7 @@ SCENARIOS = {
 
 
 def complete(path: Path) -> bool:
-    """Whether an archive says of itself that it is whole, in its attributes and by its manifest."""
+    """Whether an archive is complete by its attributes and by its manifest."""
     try:
         return bool(stores.attributes(path)["attributes"]["complete"]) and (path / "engine/checksums.sha256").exists()
     except (OSError, ValueError, KeyError):

@@ -1,4 +1,4 @@
-"""The command line in this process: what it says, and how it ends."""
+"""The command line in this process: its output, and how it ends."""
 
 from __future__ import annotations
 

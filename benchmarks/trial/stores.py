@@ -1,4 +1,4 @@
-"""Archives of every shape, small, with blocks and chunks of a few rows, and what is compared of them."""
+"""Archives of every shape, small, with blocks and chunks of a few rows, and their compared parts."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ path = "run.zarr"
 
 
 class _Clock(clock.datetime):
-    """The time of creation is part of an archive: it stands still, so that all bytes can be compared."""
+    """The time of creation is part of an archive: it is fixed, so that all bytes can be compared."""
 
     @classmethod
     def now(cls, tz: Any = None) -> clock.datetime:
@@ -48,7 +48,7 @@ class _Clock(clock.datetime):
 
 
 def settle(rows: int = ROWS, sharded: bool = True) -> None:
-    """Blocks of a few rows, a checkpoint whenever one may be made, and a clock that stands, in this process."""
+    """Blocks of a few rows, a checkpoint whenever possible, and a stopped clock, in this process."""
     from kreisel.runs import integration
     from kreisel.storage import simulate as runs
 
@@ -139,7 +139,7 @@ def values(path: Path) -> dict[str, np.ndarray]:
 
 
 def interrupted(path: Path, make: Callable[[Path], None], after: int) -> None:
-    """What a run leaves that is stopped after so many calls of its engine: NAME.part."""
+    """The archive NAME.part of a run that is stopped after some calls of its engine."""
     from kreisel.runs import integration
 
     original, count = integration.Integration._advance, iter(range(10**9))
@@ -168,5 +168,5 @@ def interrupted(path: Path, make: Callable[[Path], None], after: int) -> None:
 
 
 def attributes(store: Path) -> dict[str, Any]:
-    """What the root of a store says."""
+    """The metadata of the root of a store."""
     return dict(json.loads((store / "zarr.json").read_text(encoding="utf-8")))

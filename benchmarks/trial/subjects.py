@@ -1,4 +1,4 @@
-"""Bodies, runs, files and functions that the public calls are about, and the kinds of arguments made of them."""
+"""Bodies, runs, files and functions that the public calls are about, and the kinds of arguments with them."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ MODULES = {
     "rebound": "kreisel.rebound",
     "lab": "kreisel.lab",
 }
-# Called with kinds of their own in `api.py`, or constructors of results, whose fields nobody checks.
+# Called with special kinds in `api.py`, or constructors of results, whose fields nobody checks.
 ELSEWHERE = {"kr.open_run", "kr.resume", "kr.sweep", "kr.export", "kr.systems", "kr.methods", "kr.failures"}
 # Called by other modules of the package.
 BODIES = (
@@ -300,7 +300,7 @@ def _call(name: str, function: Callable[[Around], Function], value: Any) -> Call
         if p.kind in (p.VAR_KEYWORD, p.VAR_POSITIONAL):
             continue
         kind = BY_CALL.get(f"{name}({p.name})") or KIND_OF.get(p.name, p.name)
-        kind = "system" if kind == "model" and p.default is not p.empty else kind  # or none, as the run says it
+        kind = "system" if kind == "model" and p.default is not p.empty else kind  # or none, as the run states it
         if kind not in KINDS:
             raise Unknown(f"{name}: the parameter {p.name} has no kind in benchmarks/trial/surface.py")
         if p.default is p.empty and p.kind is not p.KEYWORD_ONLY:
@@ -321,7 +321,7 @@ def _call(name: str, function: Callable[[Around], Function], value: Any) -> Call
 
 
 def _used(value: Any) -> Any:
-    """All that a result tells of itself: its properties, its text; functions and pages are only made."""
+    """All descriptions of a result: its properties, its text; functions and pages are only created."""
     if callable(value) and not hasattr(value, "_repr_html_"):
         return None
     ignored(repr(value))
@@ -336,5 +336,5 @@ def _used(value: Any) -> Any:
 
 @cache
 def calls_of_surface() -> tuple[Call, ...]:
-    """The same, once in a process."""
+    """The surface, computed once in a process."""
     return tuple(surface())

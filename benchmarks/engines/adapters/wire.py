@@ -5,7 +5,7 @@ job    {case, mass, inertia (3 x 3, about the centre of mass), attitude (w, x, y
        of mass or null, dt, steps, every, setting, package}, in SI units
 rows   time, qw, qx, qy, qz, wx, wy, wz: attitude body to space, angular velocity in rad/s along the body axes
 
-It needs no package: each engine has an environment of its own.
+It needs no package: each engine has a separate environment.
 """
 
 import importlib.metadata

@@ -29,7 +29,7 @@ Simulate many lanes that differ in parameters, states or settings.
 The same command resumes after a kill.
 
 \b
-\\[sweep]                  beside \\[system], \\[state], \\[run], \\[output] of a run
+\\[sweep]                  next to \\[system], \\[state], \\[run], \\[output] of a run
 rng = 1                  the seed of the random draws
 draws = 50               how many of them
 save = \\["drift", "extremes"]   also "frequencies", "trajectories"
