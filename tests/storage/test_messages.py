@@ -231,6 +231,7 @@ def around_the_sun() -> xr.Dataset:
 
 BAD = {
     "no date": (lambda run: kr.export(run, "x.oem"), "epoch: expected the date"),
+    "Unix time": (lambda run: kr.export(run, "x.aem", epoch=1_700_000_000), "epoch: expected the date of time 0"),
     "no satellite": (lambda run: kr.export(run, "x.oem", epoch=EPOCH), "the run of a satellite"),
     "of the Sun": (lambda run: kr.export(around_the_sun(), "x.oem", epoch=EPOCH, frame="ICRF"), "frame, center: .*SUN"),
     "its space": (lambda run: kr.export(around_the_sun(), "x.aem", epoch=EPOCH), "frame, center: expected the frame"),

@@ -496,7 +496,7 @@ def _attitudes(rows: Rows) -> Array:
 def date_of(epoch: Any, name: str) -> np.datetime64:
     """The date of time 0.  Raises `InputError`, with the name of the argument or option."""
     try:
-        start = np.datetime64(epoch, "us")
+        start = np.datetime64("NaT" if isinstance(epoch, int | np.integer) else epoch, "us")  # 5 would be 5 us of 1970
     except (ValueError, TypeError):
         start = np.datetime64("NaT", "us")
     if np.isnat(start):
