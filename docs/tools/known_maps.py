@@ -234,6 +234,45 @@ MAPS = (
         NO,
         "chaotic",
     ),
+    Known(
+        "Kahan, Volterra's chain",
+        "(x (y - z), y (z - x), z (x - y))",
+        "xyz",
+        kahan(lambda x: [x[0] * (x[1] - x[2]), x[1] * (x[2] - x[0]), x[2] * (x[0] - x[1])]),
+        YES,
+        "Petrera, Pfadler, Suris 2011",
+    ),
+    Known(
+        "Kahan, the dressing chain",
+        "(y^2 - z^2 + 1, z^2 - x^2 + 2, x^2 - y^2 - 3)",
+        "xyz",
+        kahan(
+            lambda x: [
+                x[1] * x[1] - x[2] * x[2] + 1,
+                x[2] * x[2] - x[0] * x[0] + 2,
+                x[0] * x[0] - x[1] * x[1] - 3,
+            ]
+        ),
+        YES,
+        "Petrera, Pfadler, Suris 2011",
+    ),
+    Known(
+        "Kahan, Nahm's equations",
+        "(2x^2 - y^2, y^2 - 10xy)",
+        "xy",
+        kahan(lambda x: [2 * x[0] * x[0] - x[1] * x[1], x[1] * x[1] - 10 * x[0] * x[1]]),
+        YES,
+        "icosahedral: an integral of degree 6",
+    ),
+    Known(
+        "six Hénon maps in turn",
+        "x_(n+12) = 1 - 2 x_(n+6)^2 - x_n",
+        "abcdefuvwxyz",
+        lambda x: column(*x[1:], 1 - 2 * x[6] * x[6] - x[0]),
+        NO,
+        "entropy log(2)/6",
+        start=0.1,
+    ),
     Known("linear, elliptic", "a turn with the cosine 3/5", "xy", lambda x: turned(x), YES, "x^2 + y^2"),
     Known(
         "linear, hyperbolic",

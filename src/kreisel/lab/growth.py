@@ -70,6 +70,11 @@ class Growth:
         return powers[1] > 1.1 * powers[0]
 
     @property
+    def estimate(self) -> str:
+        """The entropy, with its uncertainty if it has one."""
+        return f"{self.entropy:.3g}" if self.recurrence else f"{self.entropy:.2g} ± {self.uncertainty:.1g}"
+
+    @property
     def verdict(self) -> str:
         """One line."""
         shown = ", ".join(map(str, self.degrees))

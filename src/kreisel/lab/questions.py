@@ -159,7 +159,7 @@ def verdict(c: Clues) -> tuple[str, str]:
         count = _counted(c.independent, "independent integral")
         for_it.append(f"{count} and {c.volume} in {c.subject.dim} dimensions, found exactly")
     if c.growth is not None and c.growth.exponential:
-        against.append(f"the degrees grow exponentially (entropy {c.growth.entropy:.3g})")
+        against.append(f"the degrees grow exponentially (entropy {c.growth.estimate})")
     chaotic = [o for o in c.orbits if o.chaotic]
     if chaotic:
         against.append(f"{len(chaotic)} of {len(c.orbits)} orbits are chaotic in floats")
@@ -333,7 +333,7 @@ def _growth(c: Clues) -> Answer:
     if growing.recurrence is None and math.isinf(growing.uncertainty):
         answer = "too few degrees"
     elif growing.recurrence is None:
-        answer = f"entropy {growing.entropy:.2g} ± {growing.uncertainty:.1g}"
+        answer = f"entropy {growing.estimate}"
     elif growing.power is None:
         answer = f"exponential, entropy {growing.entropy:.6g}"
     else:
