@@ -165,10 +165,12 @@ def test_the_flux_of_a_thin_crescent_falls_with_its_square():  # [Lester et al.]
 
 def test_bad_input():
     body = FreeBody((1, 2, 2.5))
-    run = kr.at(body, body.state((0, 0, 1)), [0.0, 1.0])
+    run, toutatis = kr.at(body, body.state((0, 0, 1)), [0.0, 1.0]), Asteroid.toutatis()
+    unsized = kr.simulate(toutatis, toutatis.state((0, 0, 1e-6)), dt="1 h", steps=1)
     view, early = {"sun": (1, 0, 0), "observer": (1, 0, 0)}, kr.Table([0.0, 0.5], np.eye(3)[:2])
     for call, message in (
         (lambda: light_curve(run, **view), "without a shape"),
+        (lambda: light_curve(unsized, **view), "without a shape or its size"),
         (lambda: light_curve(run, AXES, law="lambert", **view), "no closed form"),
         (lambda: light_curve(run, AXES, law="hapke", **view), "expected one of"),
         (lambda: light_curve(run, (1, 2, 0), **view), "half axes > 0"),

@@ -77,10 +77,10 @@ def light_curve(
     in_m = not isinstance(shape, Facets)  # which may have any unit
     if shape is None:
         kind, *half = frame_of(run).shape or ("",)
-        if kind not in ("ellipsoid", "box"):
+        if kind not in ("ellipsoid", "box") or not half:
             raise InputError(
                 "shape: expected half axes (3,) of an ellipsoid, or kr.physical.Facets, got none, and a body without a "
-                "shape, such as FreeBody.ellipsoid has one."
+                "shape or its size, which FreeBody.ellipsoid and Asteroid.ellipsoid have."
             )
         corners = np.array(np.meshgrid(*((-x, x) for x in half))).reshape(3, -1).T
         shape = np.array(half) if kind == "ellipsoid" else Facets.hull(corners)
