@@ -354,6 +354,15 @@ def test_the_sun_lights_a_body_that_orbits_it() -> None:
     assert (fixed - dark)[2] == pytest.approx(1361 / 299_792_458)
 
 
+def test_the_shadow_beyond_its_tip_is_doubted() -> None:
+    """At the second point of Lagrange the Earth hides 0.84 of the Sun's disc: an annular eclipse."""
+    far = Orbit(1.5e9, epoch=DATE)
+    with pytest.warns(kr.InputWarning, match="eclipse: expected an orbit within 200 radii of the Earth"):
+        Satellite(MOMENTS, far)
+    assert Satellite(MOMENTS, far, eclipse=False).model().params["eclipse"] == 0
+    assert Satellite(MOMENTS, Orbit(3.84e8, epoch=DATE)).model().params["eclipse"] == 1
+
+
 def test_a_primary_without_a_radius_shades_nothing() -> None:
     around = sail(orbit=Orbit(1e4, primary=Primary("rock", 4.9e3, 0.0)), light=SOLAR_PRESSURE)
     run = kr.simulate(around, around.state((0, 0, 1e-5)), dt="10 s", t_end="2 h", every=90)

@@ -21,7 +21,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES, satellite
-from kreisel.errors import InputError, explained, require_one_of, shown
+from kreisel.errors import InputError, doubt, explained, require_one_of, shown
 from kreisel.forces.body import MOTION, PLACE
 from kreisel.physical.body import Forced, by_functions
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
@@ -50,6 +50,7 @@ TURNS_A_DAY = 1.00273781191135448  # of the Earth against the stars, IERS Conven
 ROTATION = 2 * np.pi * TURNS_A_DAY / DAY  # rad/s
 PRECESSION = 5028.796195 / 3600  # degrees a century along the ecliptic, IAU 2006
 FIELDS = ("igrf", "dipole", "tilted-dipole")
+SHADED = 200.0  # radii of the primary: light is then off by 0.02 in the penumbra, and by 0.8 on the axis beyond 217
 SAME_SUN = 1e-3  # relative: mu of the Sun in tables
 
 
@@ -501,6 +502,11 @@ def surroundings_of(body: Satellite) -> dict[str, Any]:
         out["heliocentric"] = float(sun is None)
     moves = dated if sun is None else isinstance(sun, str)
     out["eclipse"] = float(moves if eclipse is None else eclipse)
+    if out["eclipse"] and orbit.semi_major_axis * (1 + orbit.eccentricity) > SHADED * orbit.primary.radius:
+        doubt(
+            f"eclipse: expected an orbit within {SHADED:g} radii of the {orbit.primary.name}, beyond which its disc is "
+            "smaller than the Sun's and light in its shadow is wrong. Give eclipse=False if it does not enter it."
+        )
     if moves:
         if sun not in (None, "ephemeris"):
             raise InputError(f"sun: expected 'ephemeris' or a direction in space, got {shown(sun)}.")
