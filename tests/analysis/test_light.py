@@ -110,6 +110,13 @@ def test_vectors_with_units():
     assert np.allclose(light.arrival - light.time, 1.8 * 499.005, atol=0.01)
     x, y, _ = run.position.values.T  # of a body that is seen from the line to the perihelion
     assert np.allclose(light.phase_angle, np.arctan2(y, x), atol=1e-9) and light.phase_angle[-1] > 0.01
+    orbits = [Orbit("2 au", 0.1, node=node, primary=kr.physical.SUN) for node in (0.0, 1.0)]
+    both = Asteroid.ellipsoid(1e13, (4000, 2000, 1900), orbits)
+    lanes = kr.simulate(both, both.state((1e-5, 1e-6, 2e-5)), dt="1 h", t_end="2 d", every=24)
+    seen = light_curve(lanes, sun=-lanes.position, observer=("-1.8 au", "0 au", "0 au"), light_time=True)
+    assert seen.phase_angle.dims == seen.arrival.dims == ("time", "lane")
+    assert np.allclose(seen.isel(lane=0).flux, light.flux) and np.allclose(seen.arrival[:, 1], light.arrival)
+    assert np.allclose(seen.phase_angle[:, 1], np.arctan2(y, x) + 1.0)  # of the orbit rotated by 1 rad
     assert "units" not in light_curve(run, Facets.ellipsoid(AXES), sun=(1, 0, 0), observer=(1, 0, 0)).flux.attrs
 
 

@@ -61,8 +61,8 @@ def light_curve(
 
     shape       half axes (3,) of an ellipsoid or `kr.physical.Facets`, along the axes in which the body was given;
                 default: the shape of the body, `FreeBody.ellipsoid`
-    sun         the vector from the body to the Sun in space: (3,), (time, 3), or a `kr.Table` of time in s; only its
-                direction counts: -run.position of an `Asteroid`
+    sun         the vector from the body to the Sun in space: (3,), (time, 3), (time, lane, 3), or a `kr.Table` of time
+                in s; only its direction counts: -run.position of an `Asteroid`
     observer    the vector from the body to the observer
     law         as for `brightness`, and phase
     light_time  if true, `observer` is in m, and the coordinate `arrival` is the time at which the light of each row
@@ -75,34 +75,30 @@ def light_curve(
     dims, coords = rows_of(run)
     times = np.asarray(run["time"].values, dtype=np.float64) * (1 if is_in_si(run) else frame_of(run).time_unit)
     in_m = not isinstance(shape, Facets)  # which may have any unit
-    if shape is None:
-        kind, *half = frame_of(run).shape or ("",)
-        if kind not in ("ellipsoid", "box") or not half:
-            raise InputError(
-                "shape: expected half axes (3,) of an ellipsoid, or kr.physical.Facets, got none, and a body without a "
-                "shape or its size, which FreeBody.ellipsoid and Asteroid.ellipsoid have."
-            )
-        corners = np.array(np.meshgrid(*((-x, x) for x in half))).reshape(3, -1).T
-        shape = np.array(half) if kind == "ellipsoid" else Facets.hull(corners)
+    shape = _shape_of(run) if shape is None else shape
     light = brightness(shape, law=law, phase=phase)
-    ways = [_vectors(v, times, name) for v, name in ((sun, "sun"), (observer, "observer"))]
+    ways = [_vectors(v, times, g.shape[:-1], name) for v, name in ((sun, "sun"), (observer, "observer"))]
+    if max(v.ndim for v in ways) < g.ndim:  # the same of all lanes
+        each = [v[:, None] for v in ways]
+    else:
+        each = ways = [v if v.ndim == g.ndim else v[:, None] for v in ways]
     flux, facets = np.empty(g.shape[:-1]), len(shape.faces) if isinstance(shape, Facets) else 1
     at = max(1, BLOCK // (facets * g[0].size))
     for i in range(0, len(g), at):
         rows = algebra.rotation_matrix(g[i : i + at]).mT
-        flux[i : i + at] = light(*(algebra.act(rows, v[i : i + at].reshape(-1, *[1] * (g.ndim - 2), 3)) for v in ways))
-    s, o = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in ways)
+        flux[i : i + at] = light(*(algebra.act(rows, v[i : i + at]) for v in each))
+    angle = _angle(*(v / np.linalg.norm(v, axis=-1, keepdims=True) for v in ways))
     with np.errstate(divide="ignore"):
         magnitude = -2.5 * np.log10(flux)
     data = {
         "flux": (dims, flux, {"long_name": "flux"} | ({"units": "m2"} if in_m else {})),
         "magnitude": (dims, magnitude, {"long_name": "magnitude", "units": "mag"}),
-        "phase_angle": ("time", _angle(s, o), {"long_name": "angle from the Sun to the observer", "units": "rad"}),
+        "phase_angle": (dims[: angle.ndim], angle, {"long_name": "angle from the Sun to the observer", "units": "rad"}),
     }
     out = xr.Dataset(data, coords, {"title": run.attrs.get("title", "")})
     if light_time:
-        arrival = times + np.linalg.norm(ways[1], axis=-1) / SPEED_OF_LIGHT
-        out = out.assign_coords(arrival=("time", arrival, {"long_name": "time of arrival", "units": "s"}))
+        arrival = (times + (np.linalg.norm(ways[1], axis=-1) / SPEED_OF_LIGHT + 0 * angle).T).T
+        out = out.assign_coords(arrival=(dims[: angle.ndim], arrival, {"long_name": "time of arrival", "units": "s"}))
     return out
 
 
@@ -254,16 +250,29 @@ def weights_of(law: Any) -> dict[str, float]:
     return {name: w for name, w in weights.items() if w}
 
 
-def _vectors(value: Any, times: Array, name: str) -> Array:
+def _shape_of(run: xr.Dataset) -> Any:
+    """The shape of the body of a run: half axes or facets.  Raises `InputError`."""
+    kind, *half = frame_of(run).shape or ("",)
+    if kind not in ("ellipsoid", "box") or not half:
+        raise InputError(
+            "shape: expected half axes (3,) of an ellipsoid, or kr.physical.Facets, got none, and a body without a "
+            "shape or its size, which FreeBody.ellipsoid and Asteroid.ellipsoid have."
+        )
+    corners = np.array(np.meshgrid(*((-x, x) for x in half))).reshape(3, -1).T
+    return np.array(half) if kind == "ellipsoid" else Facets.hull(corners)
+
+
+def _vectors(value: Any, times: Array, rows: tuple[int, ...], name: str) -> Array:
+    """Vectors (time, 3), or (time, lane, 3) if they are of each lane."""
     try:
         v = value(times) if isinstance(value, Table) else finite_floats(value, "m", name)
     except InputError as error:
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from None
-    if v.shape not in ((3,), (len(times), 3)):
+    if v.shape not in ((3,), (len(times), 3), (*rows, 3)):
         raise InputError(
-            f"{name}: expected a vector from the body (3,), one for each of {len(times)} times, or a kr.Table with "
-            f"three components, got the shape {v.shape}."
+            f"{name}: expected a vector from the body (3,), one for each of {len(times)} times (and lanes), or a "
+            f"kr.Table with three components, got the shape {v.shape}."
         )
     if not (v * v).sum(-1).all():
         raise InputError(f"{name}: expected a direction from the body, got the zero vector.")
-    return np.broadcast_to(v, (len(times), 3))
+    return v if v.ndim > 2 else np.broadcast_to(v, (len(times), 3))
