@@ -23,6 +23,7 @@ from kreisel.physical import (
     SATURN,
     SOLAR_PRESSURE,
     SUN as STAR,
+    Ensemble,
     Orbit,
     Plate,
     Primary,
@@ -352,6 +353,14 @@ def test_the_sun_lights_a_body_that_orbits_it() -> None:
         assert lit - dark == pytest.approx([0, 0, pressure], rel=1e-9, abs=1e-22)
     fixed, dark = (torque_on(sail(orbit=orbit, light=p, sun=(1, 0, 0)), np.eye(3), 0.0) for p in (SOLAR_PRESSURE, 0.0))
     assert (fixed - dark)[2] == pytest.approx(1361 / 299_792_458)
+
+
+def test_lanes_around_the_sun_and_the_earth() -> None:
+    """Each with its Sun, and without a warning that the orbit of the Earth is too close to the surface of the Sun."""
+    plates, orbits = (Plate((1, 0, 0), (0, 1, 0), 1.0),), (Orbit("1 au", primary=STAR), Orbit(7.2e6))
+    both = Ensemble([Satellite(MOMENTS, orbit, plates=plates, light=SOLAR_PRESSURE) for orbit in orbits])
+    run = kr.simulate(both, both.state([(0, 0, 1e-3)] * 2), dt="30 s", steps=1)
+    assert np.allclose(run.sun.values[0], [[-1, 0, 0], [1, 0, 0]]) and (run.light == 1).all()
 
 
 def test_the_shadow_beyond_its_tip_is_doubted() -> None:

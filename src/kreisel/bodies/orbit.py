@@ -186,7 +186,9 @@ LOWEST = 80e3 / 6_378_137.0  # height over radius of the primary: no orbit of th
 
 def doubtful_orbit(pericentre, radius, name="primary"):
     """Sentences on orbits that touch the air."""
-    height, least = np.min(pericentre - radius), LOWEST * np.max(radius)
+    heights, most = np.broadcast_arrays(pericentre - radius, LOWEST * radius)
+    worst = np.argmin(heights - most)  # of lanes
+    height, least = heights.flat[worst], most.flat[worst]
     if height < least:
         yield (
             f"The orbit comes within {height:g} m of the surface of the {name}: expected {least / 1e3:.3g} km or more. "
