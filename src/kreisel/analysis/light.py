@@ -79,14 +79,14 @@ def light_curve(
     light = brightness(shape, law=law, phase=phase)
     ways = [_vectors(v, times, g.shape[:-1], name) for v, name in ((sun, "sun"), (observer, "observer"))]
     if max(v.ndim for v in ways) < g.ndim:  # the same of all lanes
-        each = [v[:, None] for v in ways]
+        vectors = [v[:, None] for v in ways]
     else:
-        each = ways = [v if v.ndim == g.ndim else v[:, None] for v in ways]
+        vectors = ways = [v if v.ndim == g.ndim else v[:, None] for v in ways]
     flux, facets = np.empty(g.shape[:-1]), len(shape.faces) if isinstance(shape, Facets) else 1
     at = max(1, BLOCK // (facets * g[0].size))
     for i in range(0, len(g), at):
         rows = algebra.rotation_matrix(g[i : i + at]).mT
-        flux[i : i + at] = light(*(algebra.act(rows, v[i : i + at]) for v in each))
+        flux[i : i + at] = light(*(algebra.act(rows, v[i : i + at]) for v in vectors))
     angle = _angle(*(v / np.linalg.norm(v, axis=-1, keepdims=True) for v in ways))
     with np.errstate(divide="ignore"):
         magnitude = -2.5 * np.log10(flux)

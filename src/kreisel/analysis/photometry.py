@@ -1,7 +1,7 @@
 """kr.analysis.fit_light_curve: the two periods of a tumbler from its brightness, with all aliases.
 
 1. In the apparition with most observations, a grid of both frequencies, as fine as its length resolves; in each cell
-   moments, amplitudes and phases.  The square of the flux over that of a ball is nearly b.A^-2 b, with the bisector b
+   moments, amplitudes and phases.  The square of the flux over the flux of a ball is about b.A^-2 b, b the bisector
    of the directions to Sun and observer along the axes of the body, so that the best attitude of the momentum follows
    from 26 linear unknowns; the best starts are refined by least squares.
 2. Other apparitions, the nearest first: between them cycles may be miscounted, so that each solution continues as a
