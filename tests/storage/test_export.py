@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+import time
 from decimal import Decimal
 from pathlib import Path
 
@@ -251,3 +255,18 @@ def test_arrays_of_a_body_are_in_si() -> None:
     np.testing.assert_allclose(arrays["Omega"][0], (0.3, 0.5, 0.9), rtol=1e-12)
     with pytest.raises(kr.InputError, match="path of an archive"):
         kr.to_numpy(3)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no fork and no flock")
+def test_a_terminated_export_leaves_nothing(top: object, x0: object, tmp_path: Path) -> None:
+    kr.simulate(top, x0, path=tmp_path / "run.zarr", dt=0.05, steps=200_000)
+    command = [sys.executable, "-m", "kreisel", "export", "run.zarr", "run.csv"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    for _ in range(600):
+        if list(tmp_path.glob(".run-*.csv")):
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=30)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert [path.name for path in tmp_path.iterdir()] == ["run.zarr"]

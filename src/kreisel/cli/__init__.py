@@ -7,6 +7,7 @@ is not conserved (the archive is kept); 128 and more for signals.
 from __future__ import annotations
 
 import io
+import signal
 import sys
 import warnings
 from typing import Any
@@ -27,6 +28,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # for a terminal that lacks the letter
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # scratch files are removed
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _warn

@@ -168,7 +168,7 @@ def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder
         def bodies(changes: list[dict[str, Any]]) -> Body:
             members = dict[int, Any]()
             for lane, changes_of_lane in enumerate(changes):
-                if id(changes_of_lane) in members:  # of a body like that of an earlier lane
+                if id(changes_of_lane) in members:  # equal to the body of an earlier lane
                     continue
                 table, faults = copy.deepcopy(dict(tables["body"])), Faults()
                 for name, change in changes_of_lane.items():

@@ -110,7 +110,7 @@ class RunArchive:
             archive.take_name(self.path)
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        stopped = isinstance(error, Stopped | KeyboardInterrupt)
+        stopped = isinstance(error, Stopped | KeyboardInterrupt | SystemExit)
         stopped |= self._last is not None and isinstance(getattr(error, "__cause__", None), OSError)  # a full disk
         if error is not None and not (stopped or self._worth_keeping):
             with contextlib.suppress(OSError, InputError):
