@@ -95,6 +95,8 @@ def test_rates_of_turns_and_of_radians() -> None:
     turns = ("3 turn/s", "180 rpm", "3 rps", "3 cycle/s", "3 revolution/s", "1080 deg/s", "18.84955592153876 rad/s")
     for rate in (*turns, 3 * u.cycle / u.s, 1080 * u.deg / u.s):
         assert PLAIN.nutation_rate(rate) == pytest.approx(PLAIN.nutation_rate(3 * 2 * math.pi), rel=1e-14)
+    with pytest.raises(kr.InputError, match="'20 rpm' or '3 turn/s', got '3 rev/s'"):
+        PLAIN.nutation_rate("3 rev/s")
     with pytest.raises(u.UnitConversionError):
         (3 * u.Hz).to("rad/s")
     with pytest.raises(kr.InputError, match="not convertible"):

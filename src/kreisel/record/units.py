@@ -270,7 +270,8 @@ def si(value: Any, unit: str, name: str) -> Any:
         value = (algebra.lanes_in_front(value).values, stated)
     value = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "OU" else value
     if isinstance(value, str):
-        expected = f"{name} must be a quantity such as '1 {unit}'"
+        rates = ", '20 rpm' or '3 turn/s'" if unit == "rad/s" else ""  # pint does not know "3 rev/s"
+        expected = f"{name} must be a quantity such as '1 {unit}'{rates}"
         if SEPARATED.search(value):  # pint reads 15 in "1,5", and 1 times 500 in "1 500"
             raise InputError(f"{expected}, got {shown(value)}: write 1.5 and 1500, without a comma or space in them.")
         value = parsed(registry().Quantity, value, expected)
