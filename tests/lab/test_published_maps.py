@@ -11,7 +11,8 @@ import pytest
 import kreisel as kr
 from kreisel.algebra import objects
 from kreisel.errors import InputError, RunError
-from kreisel.lab import brackets, darboux, dynamics, integrals, search
+from kreisel.lab import brackets, darboux, dynamics, growth, integrals, search
+from kreisel.lab.certified import certify
 from kreisel.lab.growth import fitted_growth, singularities
 from kreisel.lab.investigation import Investigation, investigate
 from kreisel.lab.subject import subject
@@ -258,3 +259,21 @@ def test_the_order_of_a_map_that_is_the_flow(rate: int, answer: str) -> None:
     """x/(1 - c eps x) is the flow of x' = c x^2, Kahan's map of Riccati's equation."""
     found = investigate(lambda x, eps: x / (1 - rate * eps * x), names=("x",), flow=lambda x: rate * x * x, steps=1000)
     assert found["order"].answer == answer
+
+
+def test_heights_and_enclosures_of_a_step_with_fractions() -> None:
+    """Henon's map over Q: the heights double; balls need its fractions as constants."""
+
+    def henon(x, a=F(7, 5), b=F(3, 10)):
+        return objects([1 + x[1] - a * x[0] * x[0], b * x[0]])
+
+    start = [F(1, 3), F(1, 5)]
+    assert abs(growth.heights(subject(henon, names=("x", "y")), start, 14).entropy - math.log(2)) < 1e-3
+    with pytest.raises(InputError, match="a fraction in the step"):
+        certify(subject(henon, names=("x", "y")), start, 5)
+    assert certify(subject(henon, names=("x", "y"), a=F(7, 5), b=F(3, 10)), start, 5).steps == 5
+
+
+def test_a_longest_step_with_a_root() -> None:
+    """Ratiu's top: the parameters are fractions, the bound of the step has roots of them."""
+    assert investigate("ratiu-top", steps=1000).verdict == "integrable"

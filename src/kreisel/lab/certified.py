@@ -93,7 +93,13 @@ def certify(
         constants = {k: _balls(v) for k, v in subject.constants.items()}
 
         def step(z: Array) -> Array:
-            return np.asarray(subject.step(z, **constants), dtype=object)
+            try:
+                return np.asarray(subject.step(z, **constants), dtype=object)
+            except TypeError as error:
+                raise InputError(
+                    f"The step of {subject.name} failed on balls: {error}. Usual cause: a fraction in the step. Give "
+                    "it as a constant of the map, subject(step, names=..., a=...), with step(x, a)."
+                ) from error
 
         if functions is None:
             functions = {} if subject.energy is None else {"energy": partial(subject.energy, **constants)}

@@ -254,7 +254,11 @@ def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
     constants, x, out = {k: rationals(v) for k, v in subject.constants.items()}, rationals(x), []
     for k in range(steps + 1):
         try:
-            x = np.asarray(subject.step(x, **constants), dtype=object) if k else x
+            try:
+                x = np.asarray(subject.step(x, **constants), dtype=object) if k else x
+            except TypeError:  # a Fraction of the step does not multiply python-flint's numbers
+                x, constants = fractions(x), dict(subject.constants)
+                x = np.asarray(subject.step(x, **constants), dtype=object)
         except ZeroDivisionError:
             raise InputError(f"The orbit of {subject.name} meets a pole at step {k}. Choose another start.") from None
         out.append(fractions(x))

@@ -244,6 +244,10 @@ def _of_model(model: Model, eps: Any) -> Subject:
     def integrals(x: Array, **values: Array) -> Array:
         return np.concatenate([np.ravel(call(f, unpacked(x), values)) for f in extra])
 
+    def allowed(x: Array, eps: float, **values: Any) -> bool:  # constants as floats: some have roots
+        with np.errstate(all="ignore"):
+            return bool(eps < np.min(of_state(mapped.largest_step)(x, **values)))
+
     return Subject(
         name=system.name,
         step=on_coordinates(mapped.step),
@@ -258,7 +262,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
         involution=on_coordinates(mapped.involution),
         flow=on_coordinates(system.flow),
         energy=of_state(system.energy),
-        allowed=(lambda x, eps, **_: eps < model.largest_step(*unpacked(x))) if mapped.largest_step else None,
+        allowed=allowed if mapped.largest_step else None,
         implicit=implicit,
         model=model,
     )
