@@ -250,7 +250,7 @@ def lax(
 ) -> Lax:
     """Test the Lax pair of a record, or a user-defined L(x, lam) and V(x, lam), with further integrals more(x).
 
-    They take the coordinates x (d,) and lam as values of any field, and by keyword the constants of the subject.
+    They accept the coordinates x (d,) and lam as values of any field, and by keyword the constants of the subject.
     Raises `InputError` if there is no L, where its functions are not rational, and for shapes that do not fit.
     """
     subject = replace(

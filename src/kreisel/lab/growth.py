@@ -256,7 +256,7 @@ def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
         try:
             try:
                 x = np.asarray(subject.step(x, **constants), dtype=object) if k else x
-            except TypeError:  # a Fraction of the step does not multiply python-flint's numbers
+            except TypeError:  # a Fraction of the step does not multiply values of python-flint
                 x, constants = fractions(x), dict(subject.constants)
                 x = np.asarray(subject.step(x, **constants), dtype=object)
         except ZeroDivisionError:

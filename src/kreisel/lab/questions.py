@@ -34,7 +34,7 @@ DARBOUX = {2: (2, 4), 3: (2, 4), 4: (2,)}  # number of coordinates -> degrees
 QUOTIENTS = {2: 4, 3: 2}
 ORBITS = 3
 TIME, COUNTS = 0.5, (64, 128, 256, 512)  # for the order
-EXACT = 1e-13  # errors below it are those of the flow: the map is exact, or of a high order
+EXACT = 1e-13  # errors below it are errors of the flow: the map is exact, or of a high order
 LARGEST, BASES = 8, 60  # coordinates of maps, and monomials beyond degree 2, of which Hirota-Kimura bases are sought
 
 
