@@ -150,6 +150,27 @@ def test_the_recorded_tangent_map_is_the_jacobian() -> None:
     assert np.allclose(new, [v.value for v in images], rtol=1e-13)
 
 
+def test_the_tangent_map_of_a_lagrangian_in_jax_is_a_difference_of_runs() -> None:
+    jnp = pytest.importorskip("jax.numpy")
+    from kreisel import reduction as red
+
+    def lagrangian(Omega, P, *, c):
+        return -jnp.trace(Omega @ (jnp.array([0.3, 0.9, 1.5])[:, None] * Omega)) / 2 - c * (P[2] + P[0])
+
+    model = red.system("jax-body", group=red.SO(3), lagrangian=lagrangian)(c=1.0)
+    x, dt = np.array([0.1, 0.2, 0.5, 0.6, 0.0, 0.8]), 0.1
+
+    def end(x: np.ndarray) -> np.ndarray:
+        last = kr.simulate(model, model.state(M=x[:3], P=x[3:]), dt=dt, steps=5).isel(time=-1)
+        return np.concatenate([last.M, last.P])
+
+    orbit = dynamics.CompiledOrbit(subject(model, eps=F(1, 10)), x, np.eye(6))
+    assert orbit.advance(5)[-1] == pytest.approx(end(x), abs=1e-12)
+    h = 1e-5
+    differences = [(end(x + h * v) - end(x - h * v)) / (2 * h) for v in np.eye(6)]
+    assert orbit.vectors == pytest.approx(np.array(differences), abs=1e-7)
+
+
 def test_lyapunov_exponents_with_a_known_answer() -> None:
     whole = Subject("cat", lambda x: cat(x), ("x", "y"), start=None)
     found = dynamics.dynamics(whole, np.zeros(2), 2000)
