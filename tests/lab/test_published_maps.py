@@ -277,3 +277,11 @@ def test_heights_and_enclosures_of_a_step_with_fractions() -> None:
 def test_a_longest_step_with_a_root() -> None:
     """Ratiu's top: the parameters are fractions, the bound of the step has roots of them."""
     assert investigate("ratiu-top", steps=1000).verdict == "integrable"
+
+
+def test_coefficients_beyond_two_primes_leave_other_answers() -> None:
+    """A QRT map with fractions of 7 digits: its integral is beyond two primes, the page has the growth k^2."""
+    a, b = F(1234567, 1000003), F(7654321, 3000017)
+    found = looked_at(lambda x: objects([x[1], (x[1] * x[1] + a) / (x[0] * (1 + b * x[1] * x[1]))]), 2)
+    assert found["integrals"].answer == "unknown" and "short fractions" in found["integrals"].evidence
+    assert found["degree growth"].answer == "k^2, entropy 0" and found.verdict == "undecided"

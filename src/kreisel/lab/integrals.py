@@ -31,6 +31,10 @@ MOST_MONOMIALS = 4000
 Exponents = tuple[int, ...]
 
 
+class TooLarge(InputError):
+    """Coefficients of a result are beyond those that two primes determine."""
+
+
 @dataclass(frozen=True)
 class Polynomial:
     """Exponents of the coordinates -> rational coefficient."""
@@ -167,9 +171,9 @@ def rational_kernel(
         terms = lift({label: (int(a), int(b)) for label, a, b in zip(labels, *pair, strict=True) if a or b})
         vector = np.array([residue(terms.get(label, Fraction(0)), p) for label in labels]) if terms else None
         if vector is None or ((third * vector % p).sum(1) % p).any():
-            raise InputError(
+            raise TooLarge(
                 "A result has coefficients too large to be found from two primes. Usual cause: constants that are "
-                "floats such as 0.1; give integers or fractions."
+                "floats such as 0.1, or fractions of many digits; give integers or short fractions."
             )
         basis.append(terms)
     return basis

@@ -19,7 +19,8 @@ from kreisel.bodies import find
 from kreisel.errors import InputError, explained, shown
 from kreisel.files import place, written
 from kreisel.lab.exact import fraction
-from kreisel.lab.questions import QUESTIONS, Clues, verdict
+from kreisel.lab.integrals import TooLarge
+from kreisel.lab.questions import QUESTIONS, Answer, Clues, verdict
 from kreisel.lab.subject import BESIDE, Subject, in_coordinates, on_group, subject
 from kreisel.record.contract import System
 from kreisel.record.model import Model
@@ -141,7 +142,7 @@ def investigate(
             within(value, name, *RANGES[name])
     x = _subject(candidate, n, frame, eps, names, options)
     clues = Clues(x, degree, iterates, steps, seed)
-    findings = tuple(Finding(label, *question(clues)) for label, question in QUESTIONS.items())
+    findings = tuple(Finding(label, *_answered(question, clues)) for label, question in QUESTIONS.items())
     stated = x.constants if x.model is None or not x.model.params else {**x.model.params, "eps": x.constants["eps"]}
     listed = []
     for k, v in stated.items():
@@ -193,6 +194,14 @@ def constants_of(constants: Any, place: str) -> Mapping[str, Any]:
             "setting: give it as that, --n or n=, or name the parameter otherwise."
         )
     return constants
+
+
+def _answered(question: Callable[[Clues], Answer], clues: Clues) -> Answer:
+    """The answer, "unknown" if its coefficients are too large; other questions may have one."""
+    try:
+        return question(clues)
+    except TooLarge as error:
+        return "unknown", str(error)
 
 
 # -- the subject ------------------------------------------------------------------------------------
