@@ -61,6 +61,8 @@ def test_a_step_that_is_too_long_for_the_errors() -> None:
     asked: dict[str, Any] = {"free": ["p[2]", "m"], "x0": X0}
     fine = kr.fit(TOP, seen(time, a=axis, sigma_a=0.02), dt=0.02, **asked)
     assert fine.values["p[2]"] == pytest.approx(1.3, abs=fine.errors["p[2]"] / 10)
+    with pytest.warns(kr.AccuracyWarning, match=r"half the step moves .* times its error"):
+        kr.fit(TOP, seen(time, a=axis), dt=0.4, **asked)  # the error of a value by the residuals
     with pytest.warns(kr.AccuracyWarning, match=r"half the step moves p\[2\] by -.* times its error") as caught:
         coarse = kr.fit(TOP, seen(time, a=axis, sigma_a=0.02), dt=0.4, **asked)
     off = coarse.values["p[2]"] - 1.3

@@ -7,6 +7,7 @@ Without errors sigma all N values have one error s, s^2 = sum (observed - predic
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 SINGULAR = 1e-10  # least singular value over the largest, of a Jacobian with columns of length 1
 NAMED = 0.05  # share in a combination below which a coordinate is not named
 PRECISION = 1e-12
+EXACT = 1e-8  # of the observations: residuals below it are of the map itself
 OFF = 10  # errors of an observation, root mean square: beyond it the motion is a different one
 
 
@@ -151,7 +153,7 @@ def fit(
 
     Least squares by `scipy.optimize.least_squares` (trust region reflective), which finds the minimum next to the
     start: if phases may be off by pi, fit a short time first.  The covariance is the linear problem's at the
-    minimum.  Needs the extra `reduction` (JAX).  Warns if dt is too long for the errors sigma_NAME.  Raises
+    minimum.  Needs the extra `reduction` (JAX).  Warns if dt is too long for the errors of the observations.  Raises
     `InputError` for bad input, and if the observations leave a combination of the unknowns undetermined, which it
     names; `RunError` if the motion fails at the start.
     """
@@ -169,7 +171,7 @@ def fit(
     predictions = partial(_predictions, f, model, unknown, starts, key, parameters)
     predicted = predictions(seen)
     solution = _least_squares(predicted, seen, unknown, evaluations, model)
-    if seen.weighted and not _is_run(observations):  # a run has this error too
+    if not _is_run(observations):  # a run has this error too
         _doubt_dt(solution, unknown, seen, predictions(observed(model, observations, dt / 2, functions, starts), False))
     fitted = _model_at(model, starts, attitude, unknown, solution.x, parameters)
     return _as_fit(solution, unknown, fitted, seen, predicted(solution.x.tobytes())[0], {"dt": dt, **settings})
@@ -357,9 +359,13 @@ def _least_squares(
 def _doubt_dt(solution: Any, unknown: list[Unknown], seen: Observations, finer: Callable[..., Any]) -> None:
     """Warns if half the step moves an unknown by more than its error: by the linear problem at the minimum."""
     J, names = np.asarray(solution.jac), [u.name for u in unknown]
-    covariance = covariance_of(J, names)
+    covariance, spread = covariance_of(J, names), 1.0
+    if not seen.weighted:
+        spread = math.sqrt(solution.fun @ solution.fun / max(len(solution.fun) - len(names), 1))
+        if spread <= EXACT * math.sqrt(np.mean(seen.flat([v.value for v in seen.variables]) ** 2)):
+            return  # values of the same map
     moved = covariance @ (J.T @ (seen.flat(seen.differences(finer(solution.x.tobytes())[0])) + solution.fun))
-    shares = abs(moved) / np.sqrt(np.diag(covariance))
+    shares = abs(moved) / (spread * np.sqrt(np.diag(covariance)))
     if shares.max() > 1:
         k = int(shares.argmax())
         text = f"fit: half the step moves {names[k]} by {moved[k]:.2g}, {shares[k]:.2g} times its error. "
