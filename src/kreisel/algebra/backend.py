@@ -183,8 +183,6 @@ def nearest_axes(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def complex_number(re: Array, im: Array) -> Array:
     """The scalar re + i im, of a complex type of NumPy or of a recorder if there is one."""
-    if hasattr(re, "record_complex"):
-        return re.record_complex(im)
     if isinstance(re, np.ndarray | np.floating | float) and not holds_objects(re):
         return re + 1j * im
     return Complex(re, im)

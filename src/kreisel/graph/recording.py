@@ -36,11 +36,6 @@ class Piece(NamedTuple):
         """The nodes that the new state depends on, in order, inputs among them."""
         return self.graph.needed(self.outputs)
 
-    def used(self, letter: str) -> list[int]:
-        """The inputs of a letter that it needs."""
-        inputs = (self.graph.nodes[at] for at in self.nodes)
-        return sorted(node[2] for node in inputs if node[0] == IN and node[1] == letter)
-
 
 class Recording:
     """The functions of a scheme's motion, as straight-line code: loops are the only nodes with a graph inside.

@@ -140,9 +140,6 @@ class Vector(Linear):
             return self
         raise TypeError(f"a structured vector cannot be indexed by {index!r}")
 
-    def __pow__(self, exponent: int) -> Any:
-        return self * self if exponent == 2 else NotImplemented
-
     def __add__(self, other: Any) -> Any:
         if isinstance(other, Vector):
             return self.map(operator.add, other)
@@ -169,9 +166,6 @@ class Vector(Linear):
             return self, None
         re = self.map(lambda x: x.re if isinstance(x, Complex) else x)
         return re, self.map(lambda x: x.im if isinstance(x, Complex) else 0.0)
-
-    def record_complex(self, im: Vector) -> Vector:
-        return self.map(Complex, im)
 
 
 class Products(NamedTuple):
@@ -318,9 +312,6 @@ class Matrix(Linear):
             out.append(of_T[k] + square * algebra.dot(s, v))
             v = self._turned(v) + s * of_T[k - 1]
         return out
-
-    def record_parts(self) -> tuple[Matrix, None]:
-        return self, None
 
     def record_shifted(self, mu: Entry) -> Matrix:
         """mu - X."""
