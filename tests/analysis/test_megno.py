@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel.record.model import Model
@@ -61,3 +62,26 @@ def test_bad_input(name: str) -> None:
     call, words = BAD[name]
     with pytest.raises(kr.InputError, match=words):
         call()
+
+
+@pytest.mark.parametrize("up", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.0, 0.0, -1.0)])
+def test_body_at_rest(up: tuple[float, ...]) -> None:
+    """From equations of Euler and Poisson and their variational equations, by DOP853: upright, falling, hanging."""
+    moments, arm, end = np.array([1.0, 1.5, 2.0]), np.array([0.0, 0.0, 1.0]), 20.0
+    top = kr.HeavyTop(J=np.diag(moments.sum() / 2 - moments), A=arm)
+    found = kr.analysis.megno(top, top.state(M=(0, 0, 0), P=up), dt=0.01, steps=2_000)
+    column = np.random.default_rng(0).normal(size=3)  # the direction of the neighbour
+
+    def rates(t: float, z: np.ndarray) -> np.ndarray:
+        (M, P, m, p), out = z.reshape(4, 3), np.empty((4, 3))
+        out[0], out[1] = np.cross(M, M / moments) + np.cross(P, arm), np.cross(P, M / moments)
+        out[2] = np.cross(m, M / moments) + np.cross(M, m / moments) + np.cross(p, arm)
+        out[3] = np.cross(p, M / moments) + np.cross(P, m / moments)
+        return out.ravel()
+
+    begin = [0, 0, 0, *up, *column, 0, 0, 0]
+    last = solve_ivp(rates, (0, end), begin, method="DOP853", rtol=1e-11, atol=1e-12).y[6:, -1]
+    expected = np.log(np.linalg.norm(last) / np.linalg.norm(column)) / end
+    # lengths of m are counted in units other than those of p: ln 10 between them
+    assert abs(float(found.lyapunov[-1]) - expected) < np.log(10) / end
+    assert np.isfinite(found.megno.values).all()

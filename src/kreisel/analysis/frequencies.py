@@ -23,6 +23,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from kreisel import algebra
 from kreisel.algebra import Array, dot, unit
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, explained
@@ -209,6 +210,7 @@ def power_spectrum(run: xr.Dataset, quantity: Quantity) -> xr.Dataset:
 
 
 APART = 1e-8  # of the neighbour, relative
+FEW = 1000  # rows, at most, in which the least momentum rotates the body by a radian
 MOST, MOST_SEED = 10**9, 2**63
 TINY = 1e-300
 
@@ -249,12 +251,10 @@ def megno(
     p = propagator(pair, method=method, order=order, dt=dt, orientation=orientation is not None)
     record = model.system.perturbation
     timed = record is not None and record.names(TIME)
-    scale = np.ones_like(first)
     change, rng = np.zeros_like(first), np.random.default_rng(within(seed, "seed", 0, MOST_SEED))
-    for place in vectors:
-        scale[:, place] = np.maximum(_length(first[:, place]), TINY)
     for place in momenta:
         change[:, place] = rng.normal(size=(lanes, 3))
+    scale = _scales(model, first, change, vectors, min(rows, FEW) * every * p.dt)
     neighbour = first + APART * scale * change / _length(change)
     growth = np.empty((rows, lanes))
     for row in range(rows):
@@ -284,6 +284,27 @@ def _places(system: Model) -> tuple[list[slice], list[slice], list[slice]]:
     attitudes = [place for place, size in zip(places, sizes, strict=True) if size == 4]
     before = {place.start for place in attitudes}  # of several bodies: L, then q
     return [p for p in places if p.stop in before], [p for p in places if p not in attitudes], attitudes
+
+
+def _scales(model: Model, first: Array, change: Array, vectors: list[slice], duration: float) -> Array:
+    """Lengths (lanes, size) by which distances are divided.
+
+    The momentum of a body is counted as at least the momentum along `change` that rotates it by a radian.
+    """
+    scale = np.ones_like(first)
+    for place in vectors:
+        scale[:, place] = np.maximum(_length(first[:, place]), TINY)
+    if not model.system.space.of_body or model.system.velocity is None:
+        return scale
+    kinds = [kind for _, kind in model.system.space.components]
+    size = algebra.slices(kinds, 3)[-1].stop
+    model = model.lanes(np.arange(len(first)))
+    before, after = (
+        algebra.axial(model.call(model.system.velocity, *algebra.restore(z[:, :size], kinds, 3)))
+        for z in (first, first + change)
+    )
+    scale[:, vectors[0]] = np.maximum(scale[:, vectors[0]], _length(change) / _length(after - before) / duration)
+    return scale
 
 
 def _in_form_of_state(system: Any, x0: Any, orientation: Any, dt: Any, every: Any) -> tuple[Any, ...]:
