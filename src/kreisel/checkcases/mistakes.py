@@ -35,6 +35,7 @@ SMALL = 0.05  # relative error up to which it is taken to be proportional to the
 UNLIKE = 0.3  # of the square of a small error, which a scheme of first order leaves at most
 LEAST = 1e-5  # decay of the rates for which damping is tried
 DEGREE = math.pi / 180
+RATES = ("angular_velocity", "angular_velocity_space", "momentum")
 
 Quantities = Mapping[str, Array]
 Trial = tuple[str, Quantities]
@@ -143,10 +144,17 @@ class _Trials:
     def clocks(self) -> Iterator[Trial]:
         """The exact motion at other times."""
         end, rows = BEYOND * float(self.case.duration), self.rows
-        for shift in {self.spacing, self.step or self.spacing}:
-            late, early = self._states("", rows + shift), self._states("", rows - shift)
-            yield f"each row has the state of one step of {shift:g} s later", self.case.quantities(late)
-            yield f"each row has the state of one step of {shift:g} s earlier", self.case.quantities(early)
+        shifts = sorted({self.spacing, self.step or self.spacing})
+        for text, names, share in (
+            ("state of one", [*self.exact], 1),
+            ("attitude of one", ["attitude"], 1),
+            ("angular velocity of one", RATES, 1),
+            ("angular velocity of half a", RATES, 0.5),  # of a leapfrog
+        ):
+            for shift, (sign, word) in itertools.product(shifts, ((share, "later"), (-share, "earlier"))):
+                moved = self.case.quantities(self._states("", rows + sign * shift))
+                quantities = {**self.exact, **{name: moved[name] for name in names if name in moved}}
+                yield f"each row has the {text} step of {shift:g} s {word}", quantities
         for factor, text in (
             (60, "the times are in minutes, taken for seconds"),
             (1e-3, "the times are in milliseconds, taken for seconds"),
