@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from xarray.core import indexing
@@ -104,3 +105,29 @@ def test_figure_and_page_of_a_sweep(
 
     np.testing.assert_array_equal(one_lane(path, lane).a.values[:, 0], kr.open_run(path).a.values[:, lane])
     assert not (path.parent / "x.png").exists() and not (path.parent / "x.html").exists()
+
+
+def test_a_sweep_of_a_body_as_text(tmp_path: Path) -> None:
+    """A row for each time and lane, with the units of the values and the axes of the extremes in the header."""
+    body = kr.physical.FreeBody(inertia=((3, 0.2, 0), (0.2, 2, 0), (0, 0, 1.5)))
+    over = {"spin[0]": [0.1, 0.2, 0.3], "mass": [1.0, 2.0]}
+    settings = {"dt": 0.05, "steps": 4, "every": 2, "workers": 0, "save": ["extremes", "trajectories"]}
+    run = kr.sweep(body, {"spin": (0.1, 0.2, 1)}, over=over, path=tmp_path / "s.zarr", **settings)
+    assert run["state.spin[0]"].attrs["units"] == "rad/s" and run["body.mass"].attrs["units"] == "kg"
+    assert [run[f"momentum_{end}"].attrs["long_name"][-9:] for end in ("max", "min")] == [" greatest", "te: least"]
+    kr.export(run, tmp_path / "grid.csv")
+    kr.export(tmp_path / "s.zarr", tmp_path / "lanes.csv")
+    grid, lanes = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("grid", "lanes"))
+    pd.testing.assert_frame_equal(grid[lanes.columns], lanes)
+    assert grid["lane"].tolist() == [*range(6)] * 3
+    assert {"state.spin[0] (rad/s)", "body.mass (kg)", "momentum[0] (kg m^2/s)", "attitude[0]"} <= {*grid.columns}
+    assert "momentum_max[0] (kg m^2/s, axes of the state)" in grid
+    np.testing.assert_allclose(grid["momentum[0] (kg m^2/s)"][:6], 3 * grid["state.spin[0] (rad/s)"][:6] + 0.04)
+
+
+def test_a_lane_of_a_sweep_of_satellites_has_no_orbit(tmp_path: Path) -> None:
+    satellite = kr.physical.Satellite(inertia=(10, 8, 5), orbit=kr.physical.Orbit(7e6))
+    settings = {"dt": 1.0, "steps": 4, "workers": 0, "save": ["trajectories"]}
+    run = kr.sweep(satellite, {"spin": (0, 0, 0.1)}, over={"spin[0]": [0, 0.1]}, path=tmp_path / "s.zarr", **settings)
+    with pytest.raises(kr.InputError, match="lanes of a sweep, which lack their orbits"):
+        kr.export(run.isel({"state.spin[0]": 1}), tmp_path / "s.oem", epoch="2026-01-01")

@@ -6,7 +6,9 @@ Quantities with units are read by pint: "3 kg", "20 rpm", pint quantities; plain
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, Self
@@ -249,6 +251,20 @@ def registry() -> pint.UnitRegistry[Any]:
     return pint.get_application_registry()  # type: ignore[no-untyped-call]
 
 
+_REQUESTED: ContextVar[dict[str, set[str]] | None] = ContextVar("_REQUESTED", default=None)
+
+
+@contextmanager
+def units_requested() -> Iterator[dict[str, set[str]]]:
+    """Name -> units in which `si` was called for it within the block."""
+    units: dict[str, set[str]] = {}
+    token = _REQUESTED.set(units)
+    try:
+        yield units
+    finally:
+        _REQUESTED.reset(token)
+
+
 @explained
 def si(value: Any, unit: str, name: str) -> Any:
     """A quantity in the named SI unit; plain values are already in SI.
@@ -261,6 +277,8 @@ def si(value: Any, unit: str, name: str) -> Any:
     for label, text in (("unit", unit), ("name", name)):
         if not isinstance(text, str):
             raise InputError(f"{label}: expected text such as 'kg m^2' or 'inertia', got {shown(text)}.")
+    if (requested := _REQUESTED.get()) is not None:
+        requested.setdefault(name, set()).add(unit)
     if hasattr(value, "to_value"):
         try:
             return value.to_value(unit)
@@ -309,6 +327,13 @@ def base_unit(values: Any) -> str:
         return ""
     unit = registry().Quantity(np.asarray(values).flat[0]).to_base_units().units
     return f"{unit:~C}".replace("**", "^").replace("*", " ")
+
+
+def unit_and_axes(attrs: Mapping[str, Any]) -> str:
+    """The unit of a variable in parentheses, and its axes if they are not the axes in which the body was given."""
+    words = str(attrs.get("units", "1")), "axes of the state" * (attrs.get(AXES) == STATE)
+    text = ", ".join(word for word in words if word not in ("", "1"))
+    return f" ({text})" if text else ""
 
 
 def one_unit(value: Any) -> bool:

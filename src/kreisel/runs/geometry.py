@@ -265,7 +265,9 @@ def satellite_model(run: xr.Dataset) -> Model:
     """
     record, parameters = RunRecord.of(run, "system"), parameters_of(run)
     if not parameters:
-        raise InputError(f"expected the run of a satellite, kr.physical.Satellite, got one of {shown(record.system)}.")
+        lane = "lanes of a sweep, which lack their orbits: simulate a lane by kr.simulate"
+        got = lane if "kreisel_sweep" in run.attrs else f"one of {shown(record.system)}"
+        raise InputError(f"expected the run of a satellite, kr.physical.Satellite, got {got}.")
     system = find("satellite")
     letters = [p.letter for p in system.parameters]
     model = Model(system, {k: v for k, v in parameters.items() if k in letters}, record.body_frame)

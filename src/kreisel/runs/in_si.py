@@ -163,6 +163,8 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
             # minima and maxima along the axes given do not follow from those along others
             meaning = str(out.attrs["long_name"]).replace("axes of the body", "body")
             out.attrs |= {AXES: STATE, "long_name": meaning.replace("the body", "the axes of the state")}
+        if suffix and "letter_name" in out.attrs:
+            out.attrs["long_name"] += f": {out.attrs['letter_name'].rpartition(': ')[2]}"  # greatest, least
         out.dims = tuple(axes.get(str(d), d) for d in out.dims)
         if name == "lane" and frame.lanes:
             ids = lanes_of(run, frame)

@@ -33,7 +33,7 @@ from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.files import NPZ_ATTRIBUTES, read_values, require_file, written
 from kreisel.method.scheme import ORIENTATION
 from kreisel.record.contract import Frame
-from kreisel.record.units import AXES, BODY
+from kreisel.record.units import AXES, BODY, unit_and_axes
 from kreisel.runs.geometry import (
     FRAMES,
     angles_of,
@@ -265,6 +265,9 @@ def _presented(run: xr.Dataset) -> xr.Dataset:
 
 def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
     """Columns with a row for each time and lane; variables that vary along neither are repeated in every row."""
+    if "lane" in block.coords and "lane" not in block.sizes and (grid := block["lane"]).ndim:
+        flat = block.drop_vars("lane").stack(lane=grid.dims, create_index=False).transpose("lane", ...)
+        block = flat.assign_coords(lane=grid.values.ravel())
     lead = [d for d in ROWS if d in block.sizes]
     sizes = [block.sizes[d] for d in lead]
     if "lane" in lead and "lane" not in block.variables:
@@ -291,9 +294,8 @@ def _csv(run: xr.Dataset, out: Path) -> None:
             columns = dict(_columns(block))
             names = sorted(columns, key=lambda name: ROWS.index(name) if name in ROWS else len(ROWS))
             if first == 0:
-                units = {str(name): str(v.attrs.get("units", "1")) for name, v in block.variables.items()}
-                of_columns = {name: units.get(name.partition("[")[0], "1") for name in names}
-                rows.writerow(n if unit in ("", "1") else f"{n} ({unit})" for n, unit in of_columns.items())
+                labels = {str(name): unit_and_axes(v.attrs) for name, v in block.variables.items()}
+                rows.writerow(name + labels.get(name, labels.get(name.rpartition("[")[0], "")) for name in names)
             rows.writerows(zip(*(columns[name].tolist() for name in names), strict=True))
 
 
@@ -543,8 +545,6 @@ def _ck(rows: Rows) -> None:
     craft = labels["spacecraft"]
     if not isinstance(craft, int) or craft >= 0:
         raise InputError(f"spacecraft: expected NAIF's number of a spacecraft, below 0, got {shown(craft)}.")
-    if not (np.diff(seconds) > 0).all():
-        raise InputError("expected times that increase from row to row, got others.")
     frame = SPICE_FRAMES.get(labels["frame"], labels["frame"])
     first = rows.dates[0]
     ticks, omega = (seconds - seconds[0] + EARLY) * TICKS, _rates(rows.run, rows.unit)

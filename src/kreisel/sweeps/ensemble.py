@@ -38,7 +38,7 @@ from kreisel.record.body import Body, joined
 from kreisel.record.contract import System
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import WITH_WHEELS
-from kreisel.record.units import OF_SYSTEM, BodyFrame, base_unit, in_base_units
+from kreisel.record.units import OF_SYSTEM, BodyFrame, base_unit, in_base_units, units_requested
 from kreisel.record.values import axes_of
 from kreisel.runs import harmonics
 from kreisel.runs.in_si import scaled, scaled_settings
@@ -348,20 +348,17 @@ def of_body_in_si(
     of_bodies = [{q: v for q, v in lane.items() if q.section == "body"} for lane in values_by_lane]
     distinct = dict[str, dict[str, Any]]()
     changes = [distinct.setdefault(repr(lane), _of_body(lane)) for lane in of_bodies]  # equal bodies are created once
-    many = bodies(changes) if any(changes) else body
+    with units_requested() as of_body:
+        many = bodies(changes) if any(changes) else body
     if any(changes) and isinstance(x0, State):
         raise InputError(
             f"x0: expected the arguments of body.state as a dict, such as {{'spin': (0, 0, 1)}}, since each body has "
             f"its own state, got {shown(x0)}."
         )
     model = many.in_si()
-    states = []
-    for lane, member in enumerate(getattr(many, "members", [body] * lanes.total)):
-        try:
-            states.append(_started(member, x0, {q: v for q, v in values_by_lane[lane].items() if q.section == "state"}))
-        except InputError as error:
-            raise InputError(f"Lane {lane}: {error}") from error
-    state = joined(model, states)
+    members = getattr(many, "members", [body] * lanes.total)
+    with units_requested() as of_state:
+        state = joined(model, [_state_of_lane(k, members[k], x0, lane) for k, lane in enumerate(values_by_lane)])
     parameters: dict[str, Any] = {}
     listed: dict[str, Any] = {}
     for p in model.system.parameters:
@@ -386,17 +383,24 @@ def of_body_in_si(
             "list": listed,
             "shown": {q.name: in_base_units(v) for q, v in values.items()},
             "axes": axes,
-            "units": {q.name: unit for q, v in values.items() if (unit := base_unit(v) or _unit(q, model.body_frame))},
+            "units": {
+                q.name: unit
+                for q, v in values.items()
+                if (unit := base_unit(v) or _unit(q, model.body_frame, of_body if q.section == "body" else of_state))
+            },
         },
     }
     return sections, model
 
 
-def _unit(q: Varied, frame: BodyFrame) -> str:
-    """Unit of a time or of a variable of the runs, whose values are floats; "" of other arguments."""
+def _unit(q: Varied, frame: BodyFrame, requested: Mapping[str, set[str]]) -> str:
+    """Unit of a time, of a variable of the runs, or of an argument, whose values are floats; "" if it is ambiguous."""
     if q.section == "run":
         return "s" if q.letter in ("dt", "t_end", "t_start") else ""
-    return str(frame.units.get(frame.letters.get(q.letter, ""), ("", 1.0))[0]) if q.section == "state" else ""
+    if q.section == "state" and (letter := frame.letters.get(q.letter, "")) in frame.units:
+        return str(frame.units[letter][0])
+    units = requested.get(q.letter.rpartition(".")[2], set())
+    return "".join(units) if len(units) == 1 else ""
 
 
 def _settings(model: Model, run: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -406,6 +410,13 @@ def _settings(model: Model, run: Mapping[str, Any], changes: Sequence[Mapping[st
     names = {*changes[0], *(("dt", "steps") if "dt" in changes[0] else ())} & scaled[0].keys()
     out = {**scaled[0], **{name: [settings[name] for settings in scaled] for name in names}}
     return {name: value for name, value in out.items() if name not in ("asked_dt", "t_end")}
+
+
+def _state_of_lane(lane: int, body: Body, x0: Any, values: Changes) -> State:
+    try:
+        return _started(body, x0, {q: v for q, v in values.items() if q.section == "state"})
+    except InputError as error:
+        raise InputError(f"Lane {lane}: {error}") from error
 
 
 def _started(body: Body, x0: Any, changes: Changes) -> State:
