@@ -131,3 +131,9 @@ def test_a_lane_of_a_sweep_of_satellites_has_no_orbit(tmp_path: Path) -> None:
     run = kr.sweep(satellite, {"spin": (0, 0, 0.1)}, over={"spin[0]": [0, 0.1]}, path=tmp_path / "s.zarr", **settings)
     with pytest.raises(kr.InputError, match="lanes of a sweep, which lack their orbits"):
         kr.export(run.isel({"state.spin[0]": 1}), tmp_path / "s.oem", epoch="2026-01-01")
+
+
+def test_a_name_that_is_not_an_argument(tmp_path: Path) -> None:
+    body = kr.physical.FreeBody(inertia=(3, 2, 1.5))
+    with pytest.raises(kr.InputError, match=r"Usual cause: angular_velocity is not an argument\."):
+        kr.sweep(body, {"spin": (0, 0, 1)}, over={"angular_velocity[0]": [0, 1]}, dt=0.1, steps=1, path=tmp_path / "s")

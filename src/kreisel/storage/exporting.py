@@ -83,7 +83,7 @@ def export(
     NetCDF has the unchanged variables and attributes (true and false as 1 and 0).  Parquet has a row for each time and
     lane (for results of `kr.analysis`, each event or frequency), a column for each component, such as "m[2]", and the
     attributes as JSON in the metadata under "kreisel".  CSV has these rows and columns, with units in their names, such
-    as "energy (J)", no attributes, and is never replaced, since it has no mark of Kreisel.  NPZ has the arrays of
+    as "energy (J)", and axes of the state; it has no attributes, so Kreisel never replaces it.  NPZ has the arrays of
     `to_numpy`, which must fit into memory, and the attributes as JSON in "kreisel_attributes".  NetCDF and Parquet need
     the extra `export`.
 

@@ -468,6 +468,7 @@ def _with_entry(entries: Any, q: Varied, value: Any) -> Any:
     out: Any = entries.tolist() if isinstance(entries, np.ndarray) else entries
     first, *others = q.index
     if not isinstance(out, list | tuple) or first >= len(out) or len(others) > 1:
-        raise InputError(f"{q.name}: expected an entry of {shown(entries)}, which has none at {list(q.index)}.")
+        cause = f" Usual cause: {q.letter} is not an argument." if entries is None else ""
+        raise InputError(f"{q.name}: expected an entry of {shown(entries)}, which has none at {list(q.index)}.{cause}")
     inner = _with_entry(out[first], Varied(q.section, q.letter, tuple(others)), value)
     return [inner if place == first else entry for place, entry in enumerate(out)]
