@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.integrate import solve_ivp
 
 import kreisel as kr
 import walks
@@ -131,6 +132,46 @@ def test_reference_drifts_and_agrees(top: object, x0: object) -> None:
     walks.assert_still(ours)
     assert kr.drift(theirs).ulps.max() > 100
     assert not kr.drift(theirs).conserved.any()
+
+
+def solved(M: Any, P: Any, A: Any, J: Any, end: float) -> np.ndarray:
+    """M' = M x w + P x A, P' = P x w, w_1 = M_1/(J_2 + J_3) ..., to 1e-13 of each component."""
+    inertia = np.sum(J) - J
+
+    def rates(t: float, z: np.ndarray) -> np.ndarray:
+        w = z[:3] / inertia
+        return np.concatenate([np.cross(z[:3], w) + np.cross(z[3:], A), np.cross(z[3:], w)])
+
+    return solve_ivp(rates, (0, end), np.concatenate([M, P]), "DOP853", rtol=1e-13, atol=1e-18).y[:, -1]
+
+
+@pytest.mark.parametrize("M", [(0.3, 0.2, 0.5), (0, 0, 0), (0, 0.4, 0)])
+def test_dop853_is_as_good_for_small_states(M: Any) -> None:
+    """The motion with the momenta c M, the vector c^2 P and the time t/c, alone and in lanes with larger ones."""
+    M, P, A, J = np.array(M), np.array([0.6, 0, 0.8]), np.array([0.0, 0.3, 1]), np.array([1.0, 1.5, 2])
+    expected, body = solved(M, P, A, J, 20), kr.HeavyTop(J=J, A=A)
+    errors = []
+    sizes = (1, 1e-4, 1e-8)
+    asked = {"steps": 100, "every": 100, "method": "dop853"}
+    for c in sizes:
+        run = kr.simulate(body, {"M": c * M, "P": c * c * P}, dt=0.2 / c, **asked)
+        errors.append(abs(np.concatenate([run.M[-1] / c, run.P[-1] / c / c]) - expected).max())
+        light = kr.simulate(kr.HeavyTop(J=J, A=c * c * A), {"M": c * M, "P": P}, dt=0.2 / c, **asked)
+        errors.append(abs(np.concatenate([light.M[-1] / c, light.P[-1]]) - expected).max())
+    assert max(errors) < 3e-8
+    c = np.array(sizes)[:, None]
+    lanes = kr.simulate(body, {"M": c * M, "P": c * c * P}, dt=0.2, **asked)
+    for i, size in enumerate(sizes):
+        alone = kr.simulate(body, {"M": size * M, "P": size**2 * P}, dt=0.2, **asked)
+        assert (lanes.M.isel(lane=i).values == alone.M.values).all()
+
+
+def test_dop853_of_a_body_almost_at_rest_in_equilibrium_ends() -> None:
+    A = np.array([0.6, 0, 0.8])
+    run = kr.simulate(
+        kr.HeavyTop(J=(1, 1.5, 2), A=A), {"M": 1e-13 * A[::-1], "P": A}, dt=0.1, steps=50, method="dop853"
+    )
+    assert abs(run.M.values).max() < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.errors import RunError
 from kreisel.graph.recording import flat_constants
 from kreisel.kernels.cpu import compiled_rate
@@ -18,6 +20,7 @@ SOLVER = ("t", "y", "t_old", "y_old", "h_abs", "h_previous", "f", "K_extended")
 FIRST = ("h_abs", "f")  # of which, with the start, the first step depends: SciPy computes it
 # of the solver within one dt: a step of it is 0.4 radians of the fastest rotation and needs 0.1 ms
 MOST_STEPS = 10_000
+LEAST = 1e-300  # of an absolute tolerance
 NO_NUMBER = "a force that is not a number there (log or sqrt of a negative number, a division by 0)"
 
 Rate = Callable[[float, Floats, Floats], Floats]
@@ -43,6 +46,25 @@ def _together(scheme: Scheme, rate: Rate, constants: Floats) -> Callable[[float,
         return out.ravel()
 
     return rates
+
+
+def _tolerances(f: Callable[[float, Floats], Floats], y: Floats, scheme: Scheme, dt: float) -> dict[str, Any]:
+    """rtol, and atol (d,), at most rtol times the length of a component at y, or of its change within dt if longer.
+
+    The change is also taken at a state of these lengths in general position: near an equilibrium a torque is rounding.
+    """
+    places = algebra.slices(scheme.kinds, scheme.n)
+    lanes, generic = len(y) // places[-1].stop, np.cos(np.arange(1.0, places[-1].stop + 1))
+
+    def lengths(x: Floats) -> Floats:
+        rows = x.reshape(lanes, -1)
+        return np.concatenate([np.full(row[p].shape, math.hypot(*row[p])) for row in rows for p in places])
+
+    at = lengths(y)
+    moved = at * np.tile(generic, lanes) / lengths(np.tile(generic, lanes))
+    sizes = np.fmax.reduce([at, dt * lengths(f(0.0, y)), dt * lengths(f(0.0, moved))])
+    rtol, atol = scheme.options["rtol"], scheme.options["atol"]
+    return {"rtol": rtol, "atol": np.where(sizes > 0, np.clip(rtol * sizes, LEAST, atol), atol)}
 
 
 def _compiled(scheme: Scheme, lanes: int) -> Rate:
@@ -73,10 +95,9 @@ class ReferenceEngine:
         else:
             rates, starts = [_together(scheme, rate, constants)], self.z.reshape(1, -1).copy()
         self._counts = [(0.0, 0)] * len(starts)  # for each solver a number of dt and its steps within it
-        tolerances = {"rtol": scheme.options["rtol"], "atol": scheme.options["atol"]}
         with np.errstate(all="ignore"):
-            self._solvers = [
-                DOP853(f, 0.0, start, np.inf, **tolerances)  # it keeps the array that it is given
+            self._solvers = [  # each keeps the array that it is given
+                DOP853(f, 0.0, start, np.inf, **_tolerances(f, start, scheme, dt))
                 for f, start in zip(rates, starts, strict=True)
             ]
 

@@ -34,9 +34,9 @@ RTOL, ATOL = 1e-9, 1e-12
 def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The flow, integrated by SciPy's adaptive DOP853 with rtol 1e-9 and atol 1e-12 or as asked, reported every dt.
 
-    The orientation is carried along, g' = omega g in the rest frame, g' = g Omega in the moving frame, for n = 3 as a
-    quaternion, 2 q' = omega q or q Omega.  Of a perturbed body also the time, t' = 1, and the work, where its forces
-    need them.
+    For a component below 1e-3 at the start, atol is rtol times its size.  The orientation is carried along: g' = omega
+    g in the rest frame, g' = g Omega in the moving frame, for n = 3 as a quaternion, 2 q' = omega q or q Omega.  Of a
+    perturbed body also the time, t' = 1, and the work, where its forces need them.
     """
     observe, outcomes = observer(model, oriented)
     space, record = model.system.space, model.system.perturbation
