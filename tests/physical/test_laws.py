@@ -109,6 +109,19 @@ def test_an_axis_points_at_the_sun():
     assert cosines(run)[:, 1] @ (0, 0.6, 0.8) > 1 - NEAR
 
 
+@pytest.mark.parametrize("degrees", [179.0, 180.0])
+@pytest.mark.parametrize("axis", [(0, 1, 0), (1, 0, 0), (1, -2, 0.5)])
+def test_an_axis_away_from_the_sun_feels_the_full_torque(axis, degrees):
+    """A satellite at rest whose axis points away from the Sun: it points there after four minutes."""
+    axis, sun = np.array(axis) / np.linalg.norm(axis), np.array([0, 0.6, 0.8])
+    start, _ = Rotation.align_vectors([-sun], [axis])
+    start = Rotation.from_rotvec(np.radians(180 - degrees) * np.array([1, 0, 0])) * start
+    body = Satellite(TENSOR, ORBIT, sun=sun, eclipse=False, control=sun_pointing(axis, STIFF, DAMPING))
+    run = kr.simulate(body, body.state(attitude=start.as_quat(scalar_first=True)), t_end="4 min", **SETTINGS)
+    assert start.apply(axis) @ sun < np.cos(np.radians(degrees - 0.1))
+    assert cosines(run) @ axis @ sun > 1 - NEAR
+
+
 def test_a_controlled_satellite_is_the_same_through_pickle():
     body = Satellite.cubesat(ORBIT, 3, control=bdot(1e-5, limits={"dipole": 0.2}))
     settings = {"orientation": body.orientation(), "dt": 1.0, "steps": 5, "order": (2, 2)}

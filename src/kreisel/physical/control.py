@@ -42,6 +42,7 @@ from kreisel.runs.in_si import ADDED, MEANINGS
 OF_RUNS = {*"agmMP", *MEANINGS, *ADDED, "energy", WORK, BALANCE, QUEUE, GENERATOR}  # variables, and letters of states
 NOISY = {"rates": "rad/s", "attitude": "rad", **{name: field.unit for name, field in FIELDS.items() if field.shape}}
 ORBIT = "orbit"
+OPPOSITE = 1e-24  # |axis + sun|^2 below which the sum is rounding
 MU_0 = 1.25663706127e-6  # N/A^2, CODATA 2022
 
 
@@ -376,19 +377,26 @@ def _from_orbit(r: Array, v: Array) -> tuple[Array, Array]:
 
 
 def _towards_sun(
-    rates: Array, sun: Array, light: Any, *, axis: Array, stiffness: Any, damping: Any
+    rates: Array, sun: Array, light: Any, *, axis: Array, across: Array, stiffness: Any, damping: Any
 ) -> dict[str, Array]:
-    return {"torque": light * stiffness * algebra.cross(axis, sun) - damping * rates}
+    between = axis + sun  # zero, or rounding, if they are opposite
+    between = algebra.unit(np.where((between * between).sum() < OPPOSITE, across, between))
+    return {"torque": light * 2 * stiffness * algebra.cross(axis, between) - damping * rates}
 
 
 @explained
 def sun_pointing(axis: Any, stiffness: Any, damping: Any, every: Any = 1.0, **options: Any) -> Control:
-    """The torque stiffness axis x sun - damping w: a body axis points at the Sun; in the shadow it keeps its direction.
+    """The torque stiffness a - damping w: a body axis points at the Sun; in the shadow it keeps its direction.
+
+    The vector a is along axis x sun; for an angle A between them its length is 2 sin(A/2).  If they are opposite, a is
+    along an axis perpendicular to them.
 
     stiffness, damping   N m/rad and N m s.  [Markley, Crassidis 2014, section 7.2]
     """
     parameters: dict[str, Any] = _numbers(stiffness=(stiffness, "N m/rad"), damping=(damping, "N m s"))
-    return Control(_towards_sun, every, {}, {**parameters, "axis": direction(axis, "axis")}, **options)
+    parameters["axis"] = unit = direction(axis, "axis")
+    parameters["across"] = np.cross(unit, np.eye(3)[abs(unit).argmin()])
+    return Control(_towards_sun, every, {}, parameters, **options)
 
 
 @explained
