@@ -294,6 +294,31 @@ def test_momentum_and_energy_of_the_last_kick_are_held(single: bool, unit: float
         assert change("")[1] > 100  # without
 
 
+LENGTH = """#include "rock.h"
+#include <stdio.h>
+#include <string.h>
+int main(void) {
+    static rock_constants c;
+    static rock_state s;
+    rock_prepare(&c);
+    memcpy(s.M, rock_start_M, sizeof s.M), memcpy(s.P, rock_start_P, sizeof s.P), memcpy(s.g, rock_start_g, sizeof s.g);
+    rock_advance(&c, &s, 100000);
+    for (int i = 0; i < 4; i++) printf("%.17g\\n", s.g[i]);
+    return 0;
+}
+"""
+
+
+def test_the_attitude_of_a_submerged_body_keeps_its_length_in_32_bits(tmp_path: Path) -> None:
+    body = kr.physical.SubmergedBody(1.0, (0.02, 0.03, 0.025), (5.0, 6.0, 26.0, 0.1, 0.2, 0.3))
+    start = body.state(angular_velocity=(1.0, 2.0, 0.5), velocity=(0.1, 0.2, 0.3))
+    (tmp_path / "rock.h").write_text(kr.code(body, start, dt=0.01, single=True, name="rock"))
+    (tmp_path / "main.c").write_text(LENGTH)
+    subprocess.run(["gcc", "-std=c99", *FLAGS, "main.c", "-o", "main", "-lm"], cwd=tmp_path, check=True, timeout=120)
+    out = subprocess.run(["./main"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120).stdout
+    assert abs(np.linalg.norm([float(x) for x in out.split()]) - 1) < 2.0**-22
+
+
 CHECKED = """#include "rock.h"
 #include "ball.h"
 #include <stdio.h>
