@@ -501,6 +501,7 @@ def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) 
         (lambda top: kr.plot(kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, [0, 1])), "run of kr.simulate"),
         (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (0, 0, 0)}, 1), "zero vector"),
         (lambda top: kr.at(top, {"m": (1e160, 0, 1), "a": (1, 0, 0)}, 1), "at most 1e.150"),
+        (lambda top: kr.at(top, {"m": (1e-160, 0, 2e-160), "a": (1e-160, 0, 0)}, 1), "digits of that: expected"),
         (lambda top: kr.at("top", {}, 1), "system with its parameters"),
         (
             lambda top: kr.at(kr.Clebsch(b=(1, 2, 3)), {"M": (0, 0, 1), "P": (1, 0, 0)}, 1),

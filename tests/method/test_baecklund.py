@@ -173,6 +173,12 @@ def test_states_whose_squares_overflow_are_refused(size: float, order: int) -> N
         kr.simulate(body, {"x": (1, 0, 0), "q": (0, size, 0.1)}, dt=0.05, steps=4, order=order)
 
 
+def test_a_step_that_overflows_is_not_told_to_be_below_infinity() -> None:
+    state = {"m": (0.3, 0.4, 0.5), "a": (0.6, 0, 0.8)}
+    with pytest.raises(kr.InputError, match="so large that its square overflows"):
+        kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), state, dt=1e300, steps=2, method="baecklund", order=2)
+
+
 def test_a_step_beyond_the_domain_says_how_far_it_goes() -> None:
     top = kr.LagrangeTop(p=(0, 0, 1))
     x0 = top.state(m=(0.1, 0, 0.2), a=(0.3, 0, -0.95))

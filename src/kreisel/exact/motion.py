@@ -17,7 +17,7 @@ Series of slow variables in fast equations lose digits: as many more are compute
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from fractions import Fraction
 from functools import partial
@@ -51,6 +51,7 @@ PLACES = 4  # its first parts, as a power of two: where the series are made that
 MARGIN = 1e-2  # between them the series may converge more slowly
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
 LARGEST = 1e150  # of an integral: products of two must not overflow
+LOST = 1e-13  # of a momentum, relative to that of a swing: rounding is 1e-3 of it
 LEAPT = 8  # as a power of two
 
 MotionState = tuple[Array, Array, Array]
@@ -66,6 +67,18 @@ class Leap:
     r: MpNumber
     turn: Array
     spin: Array
+
+
+def _require_digits(lengths: Sequence[float], reach: float) -> None:
+    """Raises `InputError` if a momentum is rounding of sqrt(|a| |p|), its size in a swing, to the end of a run."""
+    m, a, p = lengths
+    least, most = LOST * math.sqrt(a) * math.sqrt(p), m + a * p * reach
+    if reach and most < least:
+        raise InputError(
+            "The momentum must reach 1e-13 of its size in a swing, sqrt(|a| |p|), for the closed form, which has 16 "
+            f"digits of that: expected at least {least:.2g}, got at most {most:.2g} in a time of {reach:.2g}. Usual "
+            "cause: components in units that do not fit each other. Use a longer time, or method='dop853'."
+        )
 
 
 class TopMotion:
@@ -86,6 +99,7 @@ class TopMotion:
                 f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the "
                 "closed form, so that their products do not overflow, got larger ones. Use other units."
             )
+        _require_digits([math.hypot(*map(float, v)) for v in (self.m, self.b, self.p)], reach)
         three = self.m, self.b, self.p  # along one line, the top is asleep, or hangs, and spins
         steady = integrals.A > 0 and not any(algebra.cross(v, self.b).any() for v in three)
         self.apart = integrals.separatrix or steady  # without a period: it tends to a steady motion, or is one

@@ -153,13 +153,16 @@ class Product:
                 rho = np.array(np.nan)
         if np.isfinite(rho).all():
             return rho.astype(mus.dtype)
-        name = self.model.system.name
-        if self.record.largest_step is None or np.iscomplexobj(mus):
+        name, largest = self.model.system.name, np.inf
+        if self.record.largest_step is not None and not np.iscomplexobj(mus):
+            with np.errstate(all="ignore"):
+                bound = np.min(self.model.call(self.record.largest_step, *state))
+                largest = float(bound) * float(mus[0]) * self.dt / 2
+        if not 0 < largest <= abs(self.dt):  # not the reason
             raise InputError(
                 f"The spectral curve of {name} has no point for this state and dt = {self.dt:g}: "
-                "look for a state that is zero or so large that its square overflows."
+                "look for a dt or a state so large that its square overflows, or a state that is zero."
             )
-        largest = float(np.min(self.model.call(self.record.largest_step, *state))) * float(mus[0]) * self.dt / 2
         raise InputError(
             f"The real Bäcklund transformation of {name} does not reach as far as dt = {self.dt:g} from this "
             f"state at order {self.order}: dt < {largest:.6g} works. Use a smaller dt, or a higher order, which "

@@ -32,6 +32,7 @@ from kreisel.record.contract import PhaseSpace
 from kreisel.record.model import Model
 
 SMALL, LIMIT = 5e-16, 1e-12  # of the last change of a direction, rms over the sites
+LEAST = float(np.finfo(float).tiny)  # next to a square: a site may be empty, with a spin 0
 MOST = 100  # iterations; a step in which they do not settle is refused
 
 
@@ -64,11 +65,11 @@ def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Arra
     space = model.system.space
     w = _spins(space, state)
     square = inner(w, w)
-    inverse, sites = 1 / square, w[0].shape[-1]
+    inverse, sites = 1 / (square + LEAST), w[0].shape[-1]
 
     def improved(*new: Array) -> tuple[Spins, Array]:
         total = tuple(x + y for x, y in zip(w, new, strict=True))
-        length = algebra.sqrt(square / inner(total, total))  # r/|w + w'|
+        length = algebra.sqrt(square / (inner(total, total) + LEAST))  # r/|w + w'|
         c = tuple(length * x for x in total)
         X = _spins(space, tuple(call(model.system.flow, _state(space, c), constants)))
         a = tuple(algebra.vec(eps) * length * inverse * x for x in cross(c, X))
@@ -80,7 +81,7 @@ def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Arra
 
     new, defect = repeat(improved, w, SMALL**2, MOST, ("vector",) * 3)
     total = tuple(x + y for x, y in zip(w, new, strict=True))
-    length = algebra.sqrt(square / inner(total, total))
+    length = algebra.sqrt(square / (inner(total, total) + LEAST))
     return _state(space, new), _state(space, tuple(length * x for x in total)), defect
 
 
