@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import kreisel as kr
+from kreisel.graph.recording import Recording
 from kreisel.runs import integration
 from kreisel.storage import simulate as simulating
 from kreisel.sweeps.sweep import check_archive
@@ -24,6 +26,7 @@ BODY = kr.perturbed(
 START = {"M": np.array([0.3, 0.2, 1.1]), "P": np.array([0.6, 0.0, 0.8])}
 TOP = kr.LagrangeTop(p=(0, 0, 1))
 AXIS = {"m": np.array([0.1, 0.2, 0.5]), "a": np.array([0.6, 0.0, 0.8])}
+CLEBSCH = kr.Clebsch(b=(1, 2, 3))
 IMPULSES = [{"time": 1.33, "M": (0.1, 0, 0.3)}, {"time": 1.0, "M": (0, 0.2, 0)}]
 
 
@@ -351,3 +354,32 @@ path = "OUT"
         place.write_text(text.replace("times = [0.0, 1.0, 2.5]", wrong), encoding="utf-8")
         bad = CliRunner().invoke(app, ["run", str(place)])
         assert bad.exit_code != 0 and message in str(bad.exception or bad.output)
+
+
+def spinning(t: float, y: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """Kirchhoff's equations of a heavy top, M' = M x Omega + P x e_3, P' = P x Omega, Omega = M/I."""
+    M, P = y[:3], y[3:]
+    return np.concatenate([np.cross(M, M / inertia) + np.cross(P, (0, 0, 1)), np.cross(P, M / inertia)])
+
+
+@pytest.mark.parametrize("method", ["kahan", "variational"])
+def test_steps_of_all_lengths_are_recorded_once(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each row lies within another step; the values are those of SciPy's solution of the equations."""
+    recorded, record = list[Any](), Recording.__init__
+    monkeypatch.setattr(Recording, "__init__", lambda *args: recorded.append(1) or record(*args))
+    times = np.cumsum(np.random.default_rng(1).uniform(0.01, 0.2, 30))
+    run = kr.simulate(kr.HeavyTop(J=(1, 2, 3), A=(0, 0, 1)), START, dt=0.02, times=times, method=method, order=6)
+    y0, options = np.concatenate([START["M"], START["P"]]), {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
+    true = solve_ivp(spinning, (0, times[-1]), y0, t_eval=times, args=(np.array([5, 4, 3]),), **options)
+    np.testing.assert_allclose(np.hstack([run.M, run.P]), true.y.T, rtol=0, atol=1e-10)
+    assert 1 <= len(recorded) <= 2  # with the projection and without it
+
+
+@pytest.mark.parametrize(("body", "start"), [(kr.EulerTop(J=(1, 2, 3)), {"M": (1.0, 0.2, 0.3)}), (CLEBSCH, START)])
+def test_deformed_integrals_of_two_steps_are_not_mixed(body: Any, start: Any) -> None:
+    """Those of Kahan's map depend on dt: code for one step is not that of the next."""
+    for dt in (0.02, 0.05, 0.02):
+        run = kr.simulate(body, start, dt=dt, steps=2000, every=500, method="kahan", order=2)
+        free = kr.simulate(body, start, dt=dt, steps=2000, every=500, method="kahan", order=2, project=False)
+        for name in start:
+            np.testing.assert_allclose(run[name], free[name], rtol=0, atol=1e-11)

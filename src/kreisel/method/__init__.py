@@ -57,12 +57,13 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
 
     def make() -> Scheme:
         scheme = record.make(model, dt, order, oriented)
+        shared = scheme.dt_in_constants and not scheme.deformed  # the projection needs conserved variables
         in_motion = order if scheme.order_in_motion is None else (scheme.order_in_motion, scheme.stage_count > 1)
         return replace(
             scheme,
             held=scheme.held or held_by_orientation(model, scheme.components),
             definition_key=key,
-            kernel_key=(model.key, record.name, in_motion, oriented) if scheme.dt_in_constants else key,
+            kernel_key=(model.key, record.name, in_motion, oriented) if shared else key,
         )
 
     return reused(key if kept else None, make)

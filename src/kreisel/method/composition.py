@@ -120,6 +120,7 @@ def composed(
         "observe": lambda z, only=None, /, **constants: observe(z[:last], only, **constants),
         "options": {"order": order},
         "guard": guard,
+        "dt_in_constants": True,
     }
     return scheme_of(name, model, Steps(step), observed, oriented, **(usual | fields))
 

@@ -57,7 +57,7 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         DEFECT,
         LIMIT**2,
     )
-    return composed("midpoint", model, dt, order, oriented, stage, watched, guard, bound=False, dt_in_constants=True)
+    return composed("midpoint", model, dt, order, oriented, stage, watched, guard, bound=False)
 
 
 def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Array]) -> tuple[State, State, Array]:

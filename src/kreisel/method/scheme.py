@@ -266,7 +266,7 @@ class Scheme:
     between: int = 0
     coupling: Coupling | None = None
     corrector: Corrector | None = None
-    dt_in_constants: bool = False  # whether dt enters only `constants` and `stages`, apart from observed variables
+    dt_in_constants: bool = False  # whether dt enters only `constants`, `stages`, and observed variables
     order_in_motion: Any = None  # all that the motion depends on of the order, if the rest is in `stages`
     # Compiled code is kept by these; None for code that is not kept.  Schemes with the same
     definition_key: tuple[Any, ...] | None = None  # differ only in constants of the trajectory
@@ -283,6 +283,11 @@ class Scheme:
         if self.guard is None or not self.guard.component:
             return np.array(True)
         return z[[name for name, _ in self.components].index(self.guard.component)] <= self.guard.limit
+
+    @property
+    def deformed(self) -> list[str]:
+        """The integrals that a map conserves instead of integrals of the flow: they depend on the step."""
+        return [name for name, outcome in self.outcomes.items() if outcome.conserved and name.endswith("_eps")]
 
     @property
     def keywords(self) -> dict[str, Array]:

@@ -60,7 +60,7 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         DEFECT,
         (NEWTON_LIMIT if model.n == 3 else SWEEP_LIMIT) ** 2,
     )
-    return composed("variational", model, dt, order, oriented, taken, watched, guard, dt_in_constants=True)
+    return composed("variational", model, dt, order, oriented, taken, watched, guard)
 
 
 def stage(

@@ -200,15 +200,10 @@ def _stepper(plan: Plan) -> Stepper:
     return Stepper(plan.model, scheme, settings)
 
 
-def _deformed(scheme: Scheme) -> list[str]:
-    """The integrals that a map conserves instead of integrals of the flow: they depend on the step."""
-    return [name for name, outcome in scheme.outcomes.items() if outcome.conserved and name.endswith("_eps")]
-
-
 # Reasons why steps of other lengths would be another method.
 OF_ONE_LENGTH: tuple[tuple[Callable[[Scheme], Any], str], ...] = (
     (lambda scheme: scheme.corrector, "steps variables that depend on the step for order={order}"),
-    (_deformed, "conserves {deformed[0]}, which depends on the step"),
+    (lambda scheme: scheme.deformed, "conserves {deformed[0]}, which depends on the step"),
     (lambda scheme: isinstance(scheme.motion, Flow), "chooses its steps"),
 )
 
@@ -245,7 +240,7 @@ REQUIREMENTS: tuple[tuple[Callable[[Plan, Scheme], Any], str], ...] = (
 def _require_suitable(plan: Plan, scheme: Scheme) -> None:
     """Raises `InputError` for a plan whose steps cannot be broken; `scheme`: without constants of its trajectory."""
     reasons = [reason for applies, reason in OF_ONE_LENGTH if applies(scheme)]
-    why = reasons[0].format(order=scheme.options.get("order"), deformed=_deformed(scheme)) if reasons else ""
+    why = reasons[0].format(order=scheme.options.get("order"), deformed=scheme.deformed) if reasons else ""
     request = "impulses" if plan.settings.impulses else "events" if plan.events else "times"
     words = {"what": request, "why": why, "method": scheme.name, "engine": plan.where, "n": plan.model.n}
     for holds, message in REQUIREMENTS:
