@@ -16,6 +16,7 @@ energy of the Euler top, and with it every integral, is conserved.  [McLachlan, 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.invariants import Spins, cross, inner
 from kreisel.algebra.iteration import repeat
+from kreisel.errors import InputError
 from kreisel.method.composition import DEFECT, composed
 from kreisel.method.kahan import is_euler_top, linear_integrals
 from kreisel.method.scheme import Guard, Scheme, State, observer, turned_by_velocity
@@ -32,7 +34,6 @@ from kreisel.record.contract import PhaseSpace
 from kreisel.record.model import Model
 
 SMALL, LIMIT = 5e-16, 1e-12  # of the last change of a direction, rms over the sites
-LEAST = float(np.finfo(float).tiny)  # next to a square: a site may be empty, with a spin 0
 MOST = 100  # iterations; a step in which they do not settle is refused
 
 
@@ -57,7 +58,18 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         DEFECT,
         LIMIT**2,
     )
-    return composed("midpoint", model, dt, order, oriented, stage, watched, guard, bound=False)
+    scheme = composed("midpoint", model, dt, order, oriented, stage, watched, guard, bound=False)
+
+    def prepare(x: State) -> State:
+        floats = isinstance(x[0], np.ndarray) and x[0].dtype != object
+        if model.system.space.sites and floats and not inner(x[:3], x[:3]).all():
+            raise InputError(
+                "method='midpoint' divides by the length of each spin: expected spins that are not 0, got a spin 0. "
+                "Usual cause: an empty site. Leave the site out, or use method='kahan' or 'dop853'."
+            )
+        return scheme.prepare(x)
+
+    return replace(scheme, prepare=prepare)
 
 
 def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Array]) -> tuple[State, State, Array]:
@@ -65,11 +77,11 @@ def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Arra
     space = model.system.space
     w = _spins(space, state)
     square = inner(w, w)
-    inverse, sites = 1 / (square + LEAST), w[0].shape[-1]
+    inverse, sites = 1 / square, w[0].shape[-1]
 
     def improved(*new: Array) -> tuple[Spins, Array]:
         total = tuple(x + y for x, y in zip(w, new, strict=True))
-        length = algebra.sqrt(square / (inner(total, total) + LEAST))  # r/|w + w'|
+        length = algebra.sqrt(square / inner(total, total))  # r/|w + w'|
         c = tuple(length * x for x in total)
         X = _spins(space, tuple(call(model.system.flow, _state(space, c), constants)))
         a = tuple(algebra.vec(eps) * length * inverse * x for x in cross(c, X))
@@ -81,7 +93,7 @@ def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Arra
 
     new, defect = repeat(improved, w, SMALL**2, MOST, ("vector",) * 3)
     total = tuple(x + y for x, y in zip(w, new, strict=True))
-    length = algebra.sqrt(square / (inner(total, total) + LEAST))
+    length = algebra.sqrt(square / inner(total, total))
     return _state(space, new), _state(space, tuple(length * x for x in total)), defect
 
 
