@@ -189,8 +189,23 @@ def test_runs_that_cannot_be_longer(tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match="at given times"):
         kr.resume(tmp_path / "times.zarr", extend=100, system=BODY)
     kr.simulate(BODY, START, dt=0.05, steps=200, events=LOW, path=tmp_path / "stopped.zarr")
-    with pytest.raises(kr.InputError, match="that an event stopped at 3"):
-        kr.resume(tmp_path / "stopped.zarr", extend=300, system=BODY, events=LOW)
+    for longer in ({"extend": 300}, {}):
+        with pytest.raises(kr.InputError, match="that an event stopped at 3") as error:
+            kr.resume(tmp_path / "stopped.zarr", system=BODY, events=LOW, **longer)
+        assert "lengthens it" not in str(error.value)
+
+
+def test_a_stopped_run_continues_from_its_last_row() -> None:
+    """At the next two changes of sign, which are those that SciPy finds, of either direction."""
+    top, inertia, row, start = kr.HeavyTop(J=(1, 2, 3), A=(0, 0, 1)), np.array([5, 4, 3]), START, 0.0
+    options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "events": lambda t, y, inertia: y[3] - 0.2}
+    y0 = np.concatenate([START["M"], START["P"]])
+    true = solve_ivp(spinning, (0, 40), y0, args=(inertia,), **options)
+    for time, state in zip(true.t_events[0][:3], true.y_events[0][:3], strict=True):
+        event = kr.Event(lambda x: x["P"][0] - 0.2)
+        run = kr.simulate(top, row, dt=0.02, steps=2000, method="variational", order=8, events=event)
+        row, start = run.isel(time=-1), start + float(run.time[-1])
+        np.testing.assert_allclose(np.hstack([start, row.M, row.P]), [time, *state], rtol=0, atol=1e-9)
 
 
 def test_impulses_go_on_in_a_longer_run(tmp_path: Path) -> None:

@@ -165,13 +165,15 @@ def reopen(
     archive.require_plain(store)
     if store == part and stands(path) and not archive.agreed(path):
         raise InputError(f"{path} is where {part} is to go, and was not to be replaced. Move one of them away.")
+    why = "with rows at given times" if record.stopped is None else f"that an event stopped at {record.stopped:g}"
     if store == path and extend is None:
-        raise InputError(f"{path} is finished: its {record.steps:,} steps are done. --extend STEPS lengthens it.")
+        longer = f"its {record.steps:,} steps are done. --extend STEPS lengthens it"
+        last = f"it is a run {why}. Begin another run at its last row, x0=row"
+        raise InputError(f"{path} is finished: {longer if record.rows is None else last}.")
     steps = record.steps if extend is None else extend
     if extend is not None and extend < record.steps:
         raise InputError(f"{path} has {record.steps:,} steps: expected more for --extend, got {extend:,}.")
     if extend is not None and record.rows is not None:
-        why = "at given times" if record.stopped is None else f"that an event stopped at {record.stopped:g}"
         raise InputError(f"{path}: expected a run with rows at every dt for --extend, got one {why}.")
     point = opening.checked_checkpoint(store, record, archive.listed(store))
     same = {name: getattr(record, name) for name in ("dt", "every", "method", "order", "engine", "t_start")}
