@@ -405,6 +405,14 @@ def test_the_air_is_slower_in_the_direction_of_the_earth() -> None:
     assert torques[1] == pytest.approx(6.967e-13 / 2 * 2.2 * (7612.6 + 501.5) ** 2, rel=1e-4)
 
 
+def test_the_table_of_an_eccentric_orbit_reaches_its_apogee() -> None:
+    """300 x 850 km: from 2.418e-11 to 1.170e-14 exp(-50/124.64) kg/m^3 (Vallado's table 8-4)."""
+    a, e = EARTH.radius + 575e3, 275e3 / (EARTH.radius + 575e3)
+    air = sail(orbit=Orbit(a, e), air="exponential").model().params["air"]
+    printed = [2.418e-11, 1.170e-14 * np.exp(-50 / 124.64)]
+    assert density(np.array([3e5, 8.5e5]), air, SUN) == pytest.approx(printed, rel=2e-3, abs=0)
+
+
 def test_without_a_date_the_field_is_the_dipole() -> None:
     model = Satellite(MOMENTS, Orbit.circular("500 km")).model()
     assert model.params["field"] == EARTH.field and not model.params["gauss"].any()
