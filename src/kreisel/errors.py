@@ -45,7 +45,7 @@ def shown(value: object) -> str:
 
 def counted(count: int, noun: str) -> str:
     """A number of things in words: "1 step", "1,000 steps"."""
-    return f"{count:,} {noun}{'s' * (count != 1)}"
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def brief(text: object, most: int = LONGEST) -> str:
