@@ -162,8 +162,9 @@ def test_until_a_time(dt: float, t_end: float, steps: int) -> None:
     assert run.attrs["steps"] == steps and abs(run.time[-1] - t_end) < 1e-15 * steps
     shorter = run.attrs["dt"] < dt * (1 - 1e-9)
     assert run.attrs.get("asked_dt") == (dt if shorter else None)
+    count = "1 step" if steps == 1 else f"{steps} steps"
     for text in (repr(run.kreisel), run.kreisel._repr_html_()):
-        assert ("asked for: dt = " in text) == shorter and f"{steps} steps of {run.attrs['dt']:g}" in text
+        assert ("asked for: dt = " in text) == shorter and f"{count} of {run.attrs['dt']:g}" in text
     with pytest.raises(kr.InputError, match="both"):
         kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), {"m": (0, 0, 1), "a": (1, 0, 0)}, dt=dt, t_end=t_end, steps=3)
     with pytest.raises(kr.InputError, match="t_end"):
