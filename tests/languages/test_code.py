@@ -231,6 +231,10 @@ def test_an_example_of_a_body_with_forces_has_the_attitude_of_its_axis(tmp_path:
         out = by_c(tmp_path, kr.code(body, dt=DT, name="rock"), "rock", "")
         R = Rotation.from_quat(out[6:10], scalar_first=True).as_matrix()
         assert abs((R[:, 2] if column else R[2]) - out[3:6]).max() < 1e-14
+        down = dict(zip(body.in_si().system.space.letters, ((0, 0, 0.1), (0, 0, -1)), strict=True))
+        hanging = by_c(tmp_path, kr.code(body, body.in_si().state(**down), dt=DT, name="rock"), "rock", "")
+        R = Rotation.from_quat(hanging[6:10], scalar_first=True).as_matrix()  # half a turn from upright
+        assert abs((R[:, 2] if column else R[2]) - [0, 0, -1]).max() < 1e-14
 
 
 ROCK: dict[str, Any] = {"dt": DT, "name": "rock", **TURNED}

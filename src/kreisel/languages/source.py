@@ -54,6 +54,7 @@ from kreisel.record.body import as_body
 from kreisel.record.calling import call
 from kreisel.record.table import require_none
 from kreisel.runs.examples import example
+from kreisel.runs.geometry import to_third_axis
 from kreisel.runs.in_si import scaled
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import make_plan
@@ -411,13 +412,12 @@ def code(
 
 
 def _attitude(model: Any, start: Any) -> Array:
-    """An orientation g with the axis a = g e_3 or the vertical P = g^T e_3: (1 + u . v, u x v) maps u to v."""
-    e3, names = np.array([0.0, 0.0, 1.0]), model.body_frame.names
-    u, v = e3, np.ravel(start["a"])[:3] if names.get("a") == "axis" else e3
-    if names.get("P") == "up":
-        u = np.ravel(start["P"])[:3]
-    q = np.array([1 + u @ v, *np.cross(u, v)])
-    return q / np.linalg.norm(q)
+    """An orientation g with the axis a = g e_3 or the vertical P = g^T e_3, by the least rotation."""
+    names = model.body_frame.names
+    g = to_third_axis(np.ravel(start["P"])[:3] if names.get("P") == "up" else np.array([0.0, 0.0, 1.0]))
+    if names.get("a") == "axis":
+        g = to_third_axis(np.ravel(start["a"])[:3]).T
+    return algebra.unit_quaternion(g)
 
 
 def _require_code(model: Any) -> None:
