@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import warnings
 
 import numpy as np
 import pytest
 
 import kreisel as kr
 from kreisel.bodies import find
+from kreisel.physical import Orbit, Satellite
 from kreisel.viewer.frames import between
 from kreisel.viewer.scene import SHORT, scene
 from scenes import IDENTITY, array, tip
@@ -107,3 +109,18 @@ def test_a_section_and_events_stand_beside(top, x0):
     assert "a[2]" not in data["names"] and len(array(data["time"], "f8")) == cut.sizes["event"]
     with pytest.raises(kr.InputError, match="section: expected"):
         kr.view(run, section=run)
+
+
+def test_a_satellite_at_rest_in_space_is_shown_on_its_circle():
+    """A sphere feels no gravity gradient: without a rotation its rows tell nothing of the orbit, whose radius is 1."""
+    body = Satellite((1.0, 1.0, 1.0), Orbit.circular("500 km", "97 deg"))
+    x0 = body.state(attitude=IDENTITY, spin=(0.0, 0.0, 0.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = kr.simulate(body, x0, dt=60.0, steps=600, every=25, progress=False)
+    data = scene(run)
+    place = array(data["bodies"][0]["place"], "f4").reshape(-1, 3)
+    assert joined(data).all()
+    radius = np.linalg.norm(between(place, np.arange(0, len(place) - 1, 0.1), joined(data)), axis=-1)
+    assert abs(radius - 1).max() < 2e-2
+    assert data["pace"] == pytest.approx(2.0 * body.orbit.period / (2 * np.pi), rel=1e-6)

@@ -278,6 +278,17 @@ class Scheme:
         """The kinds of the components."""
         return [kind for _, kind in self.components]
 
+    def column_of(self, component: str) -> int:
+        """The first coordinate of a component."""
+        place = [name for name, _ in self.components].index(component)
+        return algebra.coordinate_count(self.kinds[:place], self.n)
+
+    def set_clock(self, z: Array, time: Any, dt: float) -> None:
+        """Set the clock of rows z (..., d) to these times, if forces depend on them."""
+        for name, _ in self.components:
+            if name in (COUNT, TIME):
+                z[..., self.column_of(name)] = time / dt if name == COUNT else time
+
     def guarded(self, z: tuple[Array, ...]) -> Array:
         """Whether states are within the guard; if it carries no component along, all of them are."""
         if self.guard is None or not self.guard.component:

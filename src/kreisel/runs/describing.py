@@ -140,7 +140,8 @@ def body_of(model: Model) -> str | None:
 def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
     """Attributes of every variable, from the plan and the first block of a run."""
     with np.errstate(all="ignore"):  # of integrals near the range of doubles
-        scales = roundoff_scales(plan, first)
+        rows = np.arange(len(next(iter(first.values()))), dtype=np.float64)
+        scales = roundoff_scales(plan, first, plan.times_of(rows))
     frame = plan.model.body_frame
     out: dict[str, dict[str, Any]] = {}
     for name, outcome in plan.outcomes.items():

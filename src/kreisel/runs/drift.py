@@ -366,7 +366,7 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
         start={},
     )
     with np.errstate(all="ignore"):
-        scales = roundoff_scales(plan, states)[name]
+        scales = roundoff_scales(plan, states, np.asarray(some["time"].values, dtype=np.float64))[name]
     return np.array(scales[SCALES[0]]), np.array(scales[SCALES[1]])
 
 
@@ -378,7 +378,7 @@ SAMPLES = 16  # perturbations of a state that measure the sensitivity of an inte
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and small enough that only noise remains
 
 
-def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, list[float]]]:
+def roundoff_scales(plan: Plan, first: Mapping[str, Array], time: Floats) -> dict[str, dict[str, list[float]]]:
     """Effect of rounding errors on each Casimir and integral, in units of eps_machine.
 
     roundoff_scale    in one step.  Every coordinate of a component is moved by the component's largest one, of a
@@ -400,7 +400,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
         chosen = scheme(model, plan.scheme.name, plan.dt, order, ORIENTATION in plan.start)
         plan = replace(plan, model=model, scheme=chosen, first=plan.first[lanes])
         first = {name: value[:, lanes] for name, value in first.items()}
-    z, n = _sampled_rows(plan, first), plan.model.n
+    z, n = _sampled_rows(plan, first, time), plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
     starts, component = _components(tuple(plan.kinds), n)
     samples = samples if many else max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
@@ -464,7 +464,7 @@ def _spread(length: int, count: int) -> np.ndarray:
     return np.unique(np.linspace(0, length - 1, count).astype(int))
 
 
-def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
+def _sampled_rows(plan: Plan, first: Mapping[str, Array], time: Floats) -> Floats:
     """Up to 32 rows of the first block, evenly spread, in the method's variables (rows, lanes, d).
 
     For more than 64 lanes, and for n > 16, fewer rows, down to one: some thousand values are enough.
@@ -482,4 +482,6 @@ def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
         parts.append(kind.packed(value, plan.model.n) if as_observed else kind.from_user(value, plan.model.n))
     if as_observed:
         return np.concatenate(parts, -1)
-    return np.asarray(algebra.flatten(plan.scheme.reopen(tuple(parts)), plan.kinds))
+    z = np.array(algebra.flatten(plan.scheme.reopen(tuple(parts)), plan.kinds))
+    plan.scheme.set_clock(z, time[rows, None], plan.dt)
+    return z

@@ -18,10 +18,10 @@ from kreisel.kernels.cpu import CpuEngine, point_links, points, row_function
 from kreisel.kernels.engines import Engine, Rows, corrections, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method
-from kreisel.method.scheme import COUNT, ORIENTATION, Flow, Orbits, with_orientation
+from kreisel.method.scheme import ORIENTATION, Flow, Orbits, with_orientation
 from kreisel.process import spent_on
 from kreisel.record.model import Model, State
-from kreisel.record.perturbation import TIME, require_bodies
+from kreisel.record.perturbation import require_bodies
 from kreisel.runs.settings import LARGE, MOST_STEPS, WHOLE, Event, Settings, count_of_rows, initial_orientation
 
 if TYPE_CHECKING:
@@ -299,13 +299,11 @@ def default(model: Model, settings: Settings) -> str:
 def planned(model: Model, scheme: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
     """The plan of a scheme from these components of the state, by the requested engine or the engine for n."""
     general, (scheme, start, large) = scheme, _lanes(model, scheme, parts, engine)
-    clocks = {COUNT: settings.t_start / settings.dt, TIME: settings.t_start}
-    for place, (letter, _) in enumerate(scheme.components if settings.t_start else ()):  # of forces that depend on time
-        if letter in clocks:
-            from kreisel.forces.control import require_whole_samples
+    if settings.t_start:
+        from kreisel.forces.control import require_whole_samples
 
-            require_whole_samples(model, settings.dt, settings.t_start)
-            start[..., algebra.coordinate_count(scheme.kinds[:place], model.n)] = clocks[letter]
+        require_whole_samples(model, settings.dt, settings.t_start)
+        scheme.set_clock(start, settings.t_start, settings.dt)
     back, _ = corrections(scheme)
     return Plan(
         model=model,

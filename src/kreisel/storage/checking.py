@@ -15,8 +15,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.files import require_file, stands
 from kreisel.method import Scheme, scheme
-from kreisel.method.scheme import COUNT, KINDS, ORIENTATION
-from kreisel.record.perturbation import TIME
+from kreisel.method.scheme import KINDS, ORIENTATION
 from kreisel.runs.drift import lane_scales
 from kreisel.runs.integration import Integration
 from kreisel.runs.planning import plan_of
@@ -284,12 +283,7 @@ def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: 
     back, out = plan.corrections
     plan.engine.z[:] = out(plan.engine.z[None])[0]
     plan.engine.z[:] *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
-    letters = [letter for letter, _ in plan.scheme.components]
-    begun = record.t_start or 0.0
-    for clock, now in ((COUNT, begun / record.dt + before), (TIME, begun + before * record.dt)):  # of forces
-        if clock in letters:
-            kinds = plan.kinds[: letters.index(clock)]
-            plan.engine.z[:, algebra.coordinate_count(kinds, plan.model.n)] = now
+    plan.scheme.set_clock(plan.engine.z, (record.t_start or 0.0) + before * record.dt, record.dt)
     plan.engine.z[:] = back(plan.engine.z[None])[0]
     *_, last = Integration(plan).blocks()
     return {name: value[-1] for name, value in last.items()}

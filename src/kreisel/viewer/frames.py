@@ -22,7 +22,15 @@ from kreisel.forces.kicks import WHEELS
 from kreisel.method.scheme import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.record.perturbation import pairs_of
-from kreisel.runs.geometry import angles_of, components, pointing_error, satellite_model, surroundings, velocity_of
+from kreisel.runs.geometry import (
+    angles_of,
+    components,
+    of_satellite,
+    pointing_error,
+    satellite_model,
+    surroundings,
+    velocity_of,
+)
 from kreisel.runs.run_record import RunRecord, frame_of
 
 MOST_FRAMES = 100_001  # values of a page: rows of one body with three coordinates
@@ -63,6 +71,7 @@ def frames(run: xr.Dataset, record: RunRecord, model: Model | None, most: int = 
     _finite(sample, record)
     stated = _rate(sample, record, model)
     rate = _measured_rate(bare.isel(time=slice(0, SAMPLED)), record) if stated is None else stated
+    rate = max(rate, _orbital_rate(sample)) if of_satellite(run) else rate  # the page shows its place and directions
     dense = np.diff(time) * rate <= DENSE
     rows = _rows(bare[record.carried], dense, most)
     shown = bare.isel(time=rows)
@@ -130,6 +139,13 @@ def _rate(sample: xr.Dataset, record: RunRecord, model: Model | None) -> float |
         return None
     largest = float(np.max(speed, initial=0.0))
     return largest if math.isfinite(largest) else None
+
+
+def _orbital_rate(sample: xr.Dataset) -> float:
+    """The largest rate of the direction to a satellite, |r x v|/r^2."""
+    around = surroundings(sample)
+    r = around["position"]
+    return float((np.linalg.norm(np.cross(r, around["velocity"]), axis=-1) / (r**2).sum(-1)).max())
 
 
 def _measured_rate(first: xr.Dataset, record: RunRecord) -> float:

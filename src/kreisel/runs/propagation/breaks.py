@@ -163,7 +163,7 @@ class Breaks:
         kept = algebra.coordinate_count(self.plan.kinds[:size], self.plan.model.n)
         new[:, kept:] = z[:, kept:]
         if WORK in letters:
-            new[:, self._stepper.column_of(WORK)] += self._energy(new, time) - self._energy(z, time)
+            new[:, self._stepper.scheme.column_of(WORK)] += self._energy(new, time) - self._energy(z, time)
         return new
 
     def _energy(self, z: Floats, time: float) -> Floats:
@@ -173,7 +173,7 @@ class Breaks:
         """The rows with this count of steps, if forces depend on time."""
         if COUNT in (letter for letter, _ in self.plan.scheme.components):
             z = z.copy()
-            z[:, self._stepper.column_of(COUNT)] = count
+            z[:, self._stepper.scheme.column_of(COUNT)] = count
         return z
 
     def snapshot(self) -> dict[str, Floats]:

@@ -153,10 +153,10 @@ class Stepper:
         points = ([], []) if scheme.trajectory is None else point_links(scheme, cast("CpuEngine", engine), self.dt)
         if points is None or (engine.projection is not None and not cast("CpuEngine", engine).code.programs):
             return None
-        course = Course(straight, *rows, self.forms.size, points, self.column_of(COUNT) if self.timed else None)
+        course = Course(straight, *rows, self.forms.size, points, self.scheme.column_of(COUNT) if self.timed else None)
         self._work_of_step = course.engine.work_of_step
         if scheme.guard and scheme.guard.component:
-            course.guard = self.column_of(scheme.guard.component), scheme.guard.limit
+            course.guard = self.scheme.column_of(scheme.guard.component), scheme.guard.limit
         return course
 
     def by_a_plan(self, x: Floats, count: int, every: int | None) -> Floats:
@@ -230,17 +230,12 @@ class Stepper:
 
     # -- the time of forces ----------------------------------------------------------------------------
 
-    def column_of(self, component: str) -> int:
-        """The place of a component among the variables that are stepped."""
-        place = [letter for letter, _ in self.scheme.components].index(component)
-        return algebra.coordinate_count(self.scheme.kinds[:place], self.model.n)
-
     def at_time(self, z: Floats, time: float, h: float) -> Floats:
         """The rows with the time as a number of steps h, if forces depend on it."""
         if not self.timed:
             return np.ascontiguousarray(z)
         out = np.array(z, order="C")
-        out[:, self.column_of(COUNT)] = time / h
+        out[:, self.scheme.column_of(COUNT)] = time / h
         return out
 
     def _at_time(self, z: Floats, time: float | None) -> Floats:
@@ -251,7 +246,9 @@ class Stepper:
                 f"{self.model.system.name} {'' if self.timed else 'do not '}depend on it, got {shown(time)}."
             )
         flow = isinstance(self.scheme.motion, Flow)
-        z[:, self.column_of(TIME if flow else COUNT)] = finite_number(time, "time") if flow else self._steps_at(time)
+        z[:, self.scheme.column_of(TIME if flow else COUNT)] = (
+            finite_number(time, "time") if flow else self._steps_at(time)
+        )
         return z
 
     def _steps_at(self, time: Any) -> float:
@@ -320,7 +317,7 @@ class Stepper:
                 out = orbits[1].at(times)
             self._orbits = orbits  # the last motion, for further times of it
         if self.forms.oriented and len(times) > 1 and self._of_top:  # quaternions keep their sign in the order of time
-            place = self.column_of(ORIENTATION)
+            place = self.scheme.column_of(ORIENTATION)
             out[..., place : place + 4] = algebra.continued(out[..., place : place + 4], times)
         return out
 
