@@ -251,6 +251,10 @@ def test_particle_projection_lane_and_own_system():
     run = kr.simulate(five, five.state(m=m - m.T, a=np.eye(5)[1]), dt=0.05, steps=50, progress=False)
     data = scene(run)
     assert (data["kind"], data["n"], data["coordinates"]) == ("projection", 5, [0, 1, 2])
+    free = kr.EulerTop(J=(1, 2, 3, 4, 5))
+    data = scene(kr.simulate(free, {"M": m - m.T}, dt=0.05, steps=50, progress=False))
+    assert data["names"] == "12 13 14 15 23 24 25 34 35 45".split()  # not the zeros of the diagonal, nor twice
+    assert np.ptp(tip(data), axis=0).min() > 0.01
     both = kr.LagrangeTop(p=[(0, 0, 1.0), (0, 1.0, 0)])
     run = kr.simulate(both, both.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), dt=0.05, steps=50, progress=False)
     assert np.allclose(tip(scene(run, lane=1))[:, 2], run.a[:, 1, 1], atol=2e-4)  # its own gravity points down

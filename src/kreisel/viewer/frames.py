@@ -249,6 +249,15 @@ def between(values: Array, place: Array, joined: Array) -> Array:
     return np.where(apart, np.where(u >= 1, c, b), cubic)
 
 
+def coordinates_of(values: Array) -> tuple[Array, list[str]]:
+    """Rows of a vector, or of a skew or symmetric matrix, as coordinates (rows, k), and the indices of each, from 1."""
+    if values.ndim != 3:
+        values = values.reshape(len(values), -1)
+        return values, [str(i + 1) for i in range(values.shape[1])]
+    j, k = np.triu_indices(values.shape[1], k=int(not values[:, 0, 0].any()))
+    return values[:, j, k], [f"{a + 1}{b + 1}" for a, b in zip(j, k, strict=True)]
+
+
 def as_matrices(q: Array) -> Array:
     """Rotations (..., 3, 3) of quaternions that need not have the length 1."""
     return algebra.rotation_matrix(q / np.linalg.norm(q, axis=-1, keepdims=True))

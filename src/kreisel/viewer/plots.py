@@ -21,7 +21,7 @@ from kreisel.runs.geometry import fixed_in, model_for, of_satellite, require_unc
 from kreisel.runs.in_si import in_state_form
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.viewer.charts import figure
-from kreisel.viewer.frames import clock_of, evenly, extremes, mixed, panels_of, shadows_of, stretches
+from kreisel.viewer.frames import clock_of, coordinates_of, evenly, extremes, mixed, panels_of, shadows_of, stretches
 from kreisel.viewer.style import Theme
 
 ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
@@ -275,18 +275,13 @@ def _components(panel: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Th
     clock, words = clock_of(run), _words(run, letter)
     above, below = panel.subplots(2, 1, height_ratios=[1, 1.25])
     time, values = read_values(run["time"][:STATES_SHOWN]), _seen(run, letter, STATES_SHOWN)
-    labels = [str(i + 1) for i in range(values.shape[1])]
-    path = _seen(run, letter, MOST_ROWS)
-    if values.ndim == 3:  # a matrix, skew or symmetric
-        j, k = np.triu_indices(values.shape[1], k=int(not values[:, 0, 0].any()))
-        values, labels = values[:, j, k], [f"{a + 1}{b + 1}" for a, b in zip(j, k, strict=True)]
-        path = path[:, j, k]
+    (values, labels), (path, _) = coordinates_of(values), coordinates_of(_seen(run, letter, MOST_ROWS))
     for i, (label, series) in enumerate(zip(labels, values.T, strict=True)):
         style = {"color": theme.colour(i), "linestyle": DASHES[i // len(theme.colours) % len(DASHES)]}
         above.plot(time / clock.size, series, label=words.coordinate(label), **style)
     title = f"components of {words.name}{f' of {name}' if name else ''}, first {len(time)} saved states"
     above.set(xlabel=clock.label, title=title)
-    above.legend(ncols=min(values.shape[1], 6), loc="upper left", bbox_to_anchor=(0, -0.3), handlelength=1.4)
+    above.legend(ncols=min(values.shape[1], 3), loc="upper left", bbox_to_anchor=(0, -0.3), handlelength=1.4)
     i, *second = sorted(np.argsort(-np.ptp(path, axis=0), kind="stable")[:2].tolist())
     j = second[0] if second else i
     dots = path[mixed(path, MOST_DOTS)]

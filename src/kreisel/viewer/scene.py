@@ -53,6 +53,7 @@ from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
 from kreisel.viewer.frames import (
     clock_of,
+    coordinates_of,
     evenly,
     extremes,
     frames,
@@ -100,7 +101,7 @@ class Shown:
         self.around: Surroundings | None = None
         self.up, self.callout = "", ""
         self.legend: dict[str, str] = {}
-        self.coordinates = [0, 1, 2]
+        self.coordinates, self.names = [0, 1, 2], ["1", "2", "3"]
         plain = self.carried.shape[1] == 3 and self.record.n == 3
         if plain and "skew" not in self.kinds.values():
             self.kind, self.tip, self.frame = "particle", self.carried, np.eye(3)
@@ -254,11 +255,13 @@ class Shown:
         self.callout = SPIN
 
     def _projected(self) -> None:
-        self.kind, self.tip = "projection", self.carried
+        self.kind = "projection"
+        self.tip, self.names = coordinates_of(np.asarray(self.run[self.letter].values, dtype=np.float64))
         up = self._fixed("space") if self.space else self._fixed("body")
         n = self.tip.shape[1]
         if n < 3:
             self.tip = np.concatenate([self.tip, np.zeros((len(self.tip), 3 - n))], 1)
+            self.names = ["1", "2", "3"]
         elif up is not None and len(up) == n:
             third = int(np.abs(up).argmax())
             self.coordinates = [*[i for i in range(n) if i != third][:2], third]
@@ -328,6 +331,7 @@ def scene(
         "legend": {k: _text(v) for k, v in first.legend.items()},
         "n": int(first.tip.shape[1]),
         "coordinates": first.coordinates,
+        "names": first.names,
         "letter": _text(record.carried),
         "radius": radius,
         "up": first.up,

@@ -164,7 +164,7 @@ const Drawing = (() => {
       this.axes3.forEach((c, k) => {
         const end = [0, 0, 0]; end[k] = 1.08 * r;
         g.add(line(this, [end.map((v) => -v), end], this.colours.faint, 1.5, 0.8));
-        const name = word(`${this.D.letter}${c + 1}`, this.colours.ink, 0.03); name.position.set(...end.map((v) => 1.07 * v)); g.add(name);
+        const name = word(`${this.D.letter}${this.D.names[c]}`, this.colours.ink, 0.03); name.position.set(...end.map((v) => 1.07 * v)); g.add(name);
       });
       return g;
     }

@@ -225,7 +225,7 @@
     $("choice").hidden = false;
     for (let i = 0; i < 3; i++) {
       const box = $("c" + i);
-      for (let j = 0; j < Math.max(3, D.n); j++) box.add(new Option(String(j + 1), j));
+      D.names.forEach((name, j) => box.add(new Option(name, j)));
       box.value = axes3[i];
       box.addEventListener("change", () => { axes3[i] = Number(box.value); redraw(); });
     }
