@@ -26,7 +26,7 @@ def tip(data: dict, body: int = 0) -> np.ndarray:
     each = data["bodies"][body]
     if each["axis"] is not None:
         return turned(data, np.array(each["axis"]), body)[:, 0]
-    return array(each["tip"], "f4").reshape(-1, data["n"])
+    return array(each["tip"], "f4").reshape(-1, len(data["names"]))
 
 
 def points(data: dict) -> np.ndarray:

@@ -250,7 +250,7 @@ def test_particle_projection_lane_and_own_system():
     m = np.triu(np.ones((5, 5)), 1)
     run = kr.simulate(five, five.state(m=m - m.T, a=np.eye(5)[1]), dt=0.05, steps=50, progress=False)
     data = scene(run)
-    assert (data["kind"], data["n"], data["coordinates"]) == ("projection", 5, [0, 1, 2])
+    assert (data["kind"], len(data["names"]), data["coordinates"]) == ("projection", 5, [0, 1, 2])
     free = kr.EulerTop(J=(1, 2, 3, 4, 5))
     data = scene(kr.simulate(free, {"M": m - m.T}, dt=0.05, steps=50, progress=False))
     assert data["names"] == "12 13 14 15 23 24 25 34 35 45".split()  # not the zeros of the diagonal, nor twice

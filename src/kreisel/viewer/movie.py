@@ -96,7 +96,7 @@ class _Film:
         self.bodies = [self._body(record) for record in data["bodies"][:1]]
 
     def _body(self, record: dict[str, Any]) -> dict[str, Any]:
-        n = self.data["n"]
+        n = len(self.data["names"])
         body: dict[str, Any] = {"axis": record["axis"], "nose": record["nose"]}
         body["turn"] = None if record["turn"] is None else _numbers(record["turn"], "i2").reshape(-1, 4).astype(float)
         body["tip"] = None if record["tip"] is None else _numbers(record["tip"], "f4").reshape(-1, n).astype(float)

@@ -329,7 +329,6 @@ def scene(
         "note": " ".join(filter(None, (first.note, shown_frames.note))),
         "callout": first.callout,
         "legend": {k: _text(v) for k, v in first.legend.items()},
-        "n": int(first.tip.shape[1]),
         "coordinates": first.coordinates,
         "names": first.names,
         "letter": _text(record.carried),

@@ -42,7 +42,8 @@ const Drawing = (() => {
   function tipAt(D, body, i, u, axes, out) {
     const W = weights(D, i, u, WEIGHTS);
     if (body.axis) return out.fromArray(body.axis).applyQuaternion(turnAt(body, W, Q));
-    return out.set(mix(body.tip, D.n, W, axes[0]), mix(body.tip, D.n, W, axes[1]), mix(body.tip, D.n, W, axes[2]));
+    const n = D.names.length;
+    return out.set(mix(body.tip, n, W, axes[0]), mix(body.tip, n, W, axes[1]), mix(body.tip, n, W, axes[2]));
   }
 
   // ---- the stage
