@@ -417,6 +417,19 @@ def test_a_run_on_another_orbit_has_no_angles() -> None:
             read(run)
 
 
+def test_axes_are_those_of_the_body_of_the_run() -> None:
+    """`pointing` has the axis of the largest moment along the normal of the orbit of each lane."""
+    orbits = (ELLIPSE, Orbit("7500 km", 0.1, "30 deg"))
+    many = kr.physical.Ensemble([Satellite(TENSOR, orbit) for orbit in orbits], names=["low", "high"])
+    run = kr.simulate(many, many.state(), dt="1 s", steps=1, progress=False)
+    for body, name in zip(many, many.names, strict=True):
+        assert body.obliquity(run.sel(lane=name))[0] == pytest.approx(0.0, abs=1e-12)
+    other = Satellite(np.diag([5.0, 4.0, 3.0]), ELLIPSE)
+    for read in (other.obliquity, lambda run: other.resonant_angle(run, 1.0)):
+        with pytest.raises(kr.InputError, match="run of this body, got one with another moments"):
+            read(run.sel(lane="low"))
+
+
 def test_rest_against_the_orbit_in_any_attitude() -> None:
     """The angular velocity in space is r x v/r^2."""
     body, (r, v) = Satellite(TENSOR, ELLIPSE), ELLIPSE.at(0.0)

@@ -168,6 +168,20 @@ def test_by_name_and_ensembles() -> None:
         assert abs(together.P.values[:, lane] - alone.P.values).max() < 1e-12
 
 
+def test_the_course_of_a_lane_with_a_mass_matrix_of_its_own() -> None:
+    """Each lane is read with its body; the lane of another body, and all lanes at once, are refused."""
+    U, Omega = np.array([0.4, -0.2, 0.1]), np.array([0.3, 0.5, -0.8])
+    many = SubmergedBody(**{**LOADED, "mass": [3.0, 2.0]})
+    run = kr.simulate(many, many.state(U, Omega), dt=0.02, steps=50, progress=False)
+    for lane in range(2):
+        want, course = solved(many[lane], U, Omega, 1.0), many[lane].course(run.sel(lane=lane))
+        assert abs(course.velocity[-1] - want[:3]).max() < 1e-7
+        assert abs(course.position[-1] - want[15:]).max() < 1e-7
+        for other in (run.sel(lane=1 - lane), run):
+            with pytest.raises(kr.InputError, match="another mass_matrix"):
+                many[lane].course(other)
+
+
 def test_reads_a_matrix_and_wamit(tmp_path: Path) -> None:
     plain, wamit = tmp_path / "plain.txt", tmp_path / "hull.1"
     plain.write_text("# added mass\n" + "\n".join(" ".join(map(str, row)) for row in LOADED["added_mass"]), "utf-8")

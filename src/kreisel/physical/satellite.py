@@ -268,7 +268,7 @@ class Satellite(Forced):
     def _axis(self, run: xr.Dataset, which: int) -> Array:
         """One of the axes of yaw, roll and pitch in the frame of the orbit's elements, at each row."""
         g = algebra.rotation_matrix(orientation_of(run))
-        require_of_body(run, self.orbit.elements)
+        require_of_body(run, {**self.orbit.elements, "moments": self.body.principal.moments})
         return np.asarray(g @ (self.body.principal.axes.T @ self._axes_of_orbit[:, which]))
 
     def obliquity(self, run: xr.Dataset) -> Array:

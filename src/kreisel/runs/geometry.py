@@ -130,16 +130,18 @@ def require_unchanged(run: xr.Dataset) -> None:
 
 
 def require_of_body(run: xr.Dataset, parameters: Mapping[str, Any]) -> None:
-    """Raises `InputError` for a run of a body whose parameters are not `parameters`, or vary in a sweep."""
+    """Raises `InputError` for a run of a body whose parameters are not `parameters`, or vary between its lanes."""
     record = RunRecord.from_attrs(run.attrs)
-    result = {} if "parameters" not in run.attrs or record.is_own else record.model.params
+    stored = {} if "parameters" not in run.attrs or record.is_own else record.model.params
+    lanes = lanes_of(run, record.body_frame) if "lane" in run.coords else slice(None)
     varied = [k for k in parameters for name in run.coords if f"{name}[".startswith(f"system.{k}[")]
 
     def alike(x: Array, y: Any) -> bool:
+        x = x[lanes] if x.ndim > np.ndim(y) else x
         fits = np.ndim(x) < 1 or np.ndim(y) < 1 or np.shape(x)[-1] == np.shape(y)[-1]
         return fits and np.allclose(x, y, SAME, 0.0)
 
-    others = [k for k in parameters if k in result and not alike(result[k], parameters[k])]
+    others = [k for k in parameters if k in stored and not alike(stored[k], parameters[k])]
     if varied or others:
         raise InputError(
             f"expected a run of this body, got one with another {(varied + others)[0]}. Usual cause: a run of another "
