@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from clouds import G, cloud, integrated
 from kreisel.analysis import megno
 from kreisel.physical import Binary, Ensemble, GravityBody, Orbit, ThirdBody, read_mesh
+from support import cross
 
 HOUR, DISTANCE = 3600.0, 1000.0
 
@@ -148,6 +150,37 @@ def test_what_is_conserved() -> None:
     assert abs(np.polyfit(np.arange(len(energy)), energy, 1)[0]) * len(energy) < np.ptp(energy) / 2
     for k in "12":
         assert abs((run[f"attitude_{k}"].values ** 2).sum(-1) - 1).max() < 1e-13
+
+
+def test_a_tilted_spin_on_an_eccentric_orbit() -> None:
+    """20 orbits of MacCullagh's force and torque of a body with unequal moments on a ball, by DOP853.
+
+    The projection onto the angular momentum was singular in SI: from the seventh orbit on it made steps of metres.
+    """
+    m1, m2, a, e, tilt = 5e11, 4e10, 2000.0, 0.25, 0.15
+    I = 3.2e16 * np.array([0.9, 0.95, 1.0])  # noqa: E741 - moments of inertia
+    pair = Binary(GravityBody(m1, I, size=400.0), GravityBody(m2, (1e13,) * 3, size=1.0))
+    n = math.sqrt(G * (m1 + m2) / a**3)
+    q = np.array([math.cos(tilt), 0.0, math.sin(tilt), 0.0])
+    x0 = pair.state(semi_major_axis=a, eccentricity=e, spin1=(0, 0, 2.3 * n), attitude1=q, spin2=(0, 0, n))
+    run = kr.simulate(pair, x0, dt=2 * np.pi / n / 60, steps=1200, every=60)
+
+    def rate(_: float, y: np.ndarray) -> np.ndarray:
+        r, v, L, q = y[:3], y[3:6], y[6:9], y[9:]
+        Q = kr.algebra.rotation_matrix(q / np.linalg.norm(q))
+        T = Q * I @ Q.T
+        d, Omega = np.linalg.norm(r), Q @ (Q.T @ L / I)
+        pull = m1 * r / d**3 + 1.5 * (2 * T @ r + np.trace(T) * r) / d**5 - 7.5 * (r @ T @ r) * r / d**7
+        turning = np.concatenate([[-Omega @ q[1:]], q[0] * Omega + cross(Omega, q[1:])]) / 2
+        return np.concatenate([v, -G * (1 + m2 / m1) * pull, 3 * G * m2 / d**5 * cross(r, T @ r), turning])
+
+    start = np.concatenate([x0[name] for name in ("r", "v", "L1", "q1")])
+    sizes = np.repeat([a, a * n, np.linalg.norm(x0.L1), 1.0], [3, 3, 3, 4])
+    end = solve_ivp(rate, (0, float(run.time[-1])), start, "DOP853", rtol=1e-11, atol=1e-11 * sizes).y[:, -1]
+    assert run.position.values[-1] == pytest.approx(end[:3], abs=0.01)
+    assert run.momentum_1.values[-1] == pytest.approx(end[6:9], abs=1e-7 * sizes[6])
+    J = run.angular_momentum.values
+    assert abs(J - J[0]).max() < 1e-13 * np.linalg.norm(J[0])
 
 
 def test_lanes_and_resumed_runs_are_the_same(tmp_path: Path) -> None:

@@ -270,6 +270,7 @@ def body(name, title, third=()):
         sign=-1,
         carried=(),
         draw=partial(draw, len(third)),
+        unlike=True,
     )
     parameters = (*_of_body(1), *_of_body(2))
     parameters += (Parameter("m3", "scalar", "mass of the third body, kg", check_positive),) if third else ()

@@ -42,6 +42,7 @@ class Program:
 
     labels   of the invariants as a user knows them
     size     of the state; `first`: the first number of it that may change
+    parts    (first, last) of its components, if their units are unlike and each changes in proportion to its size
     ops      (L, 4): the registers of both operands, and where the slopes of the result in each of them are
     runs     (R, 3): an operation, and from which place to which it is done: the same as many times on end as possible
     outs     the registers of the invariants
@@ -60,6 +61,12 @@ class Program:
     columns: np.ndarray
     literals: Floats
     first: int = 0
+    parts: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def form(self) -> tuple[bool, tuple[tuple[int, int], ...]]:
+        """Whether it binds an orientation, and its parts: the code for its tables depends on no more."""
+        return self.first > 0, self.parts
 
     @property
     def base(self) -> int:
@@ -101,7 +108,7 @@ class Program:
     @property
     def digest(self) -> str:
         """SHA-256 of all values."""
-        arrays = *self.tables, self.literals
+        arrays = *self.tables, self.literals, np.array(self.parts)
         return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
 
 
@@ -179,10 +186,11 @@ def program_of(
                     label = f"{name}[{place}]" if entries.ndim else name
                     labels.setdefault(_without_logarithms(plain, varying).at, label)
     program = _program(graph, size, labels)
-    if program is None or len(program.cones) > MOST_CHOSEN:
-        return program
-    enough = _enough(program)
-    return _program(graph, size, {at: label for at, label in labels.items() if label in enough})
+    if program is not None and len(program.cones) <= MOST_CHOSEN:
+        enough = _enough(program)
+        program = _program(graph, size, {at: label for at, label in labels.items() if label in enough})
+    places = algebra.slices(scheme.kinds, scheme.n) if scheme.unlike else []
+    return program and replace(program, parts=tuple((place.start, place.stop) for place in places))
 
 
 def _without_factors(x: Operand, varying: set[int]) -> Operand:

@@ -9,12 +9,11 @@ Rounding errors have a mean, and so I drifts.  By d/2 the mean of I over an inte
 the frequencies would be off by d/2, and the phase by that times N.  g = 1/16, 1/64 where K is short: a mean of few
 intervals is as uncertain as their random walks, which 7 ulp at n = 3 and K = 1250 showed.
 
-The operations are here once, in loops: of a short program these are written out, and constants, scalars 0
-and 1 above all, are folded; code for long ones goes through the tables of any program.  For one state or a vector
-of lanes the bits are the same, and those of a single state.  K counts from step 0 of a trajectory, so the bits do
-not depend on `every`, nor on where a run was interrupted.
-
-A correction is of the size of rounding errors, or a claim of the map is false: the largest one is kept.
+The operations are here once, in loops: of a short program these are written out, and constants, scalars 0 and 1 above
+all, are folded; code for long ones goes through the tables of any program.  The bits are those of a single state, also
+for lanes.  K counts from step 0, so the bits do not depend on `every`, nor on where a run was interrupted.
+A correction is of the size of rounding errors, or a claim of the map is false: the largest one is kept.  Components of
+unlike units change in proportion to their sizes: else the J J^T of a binary in SI is singular, and d grows.
 [Hairer, Lubich, Wanner, Geometric Numerical Integration, section IV.4]
 """
 
@@ -188,15 +187,15 @@ class Projection:
 
     flow     loops, as of `Straight`
     tables   of a `Program`, and its `literals`
-    bound    whether the program binds an orientation
+    form     of the program: whether it binds an orientation, and its parts
     x        room: of each register its two doubles, then its slope; J (k, d), J J^T (k, k), right-hand sides (k,)
     rows     z, constants, targets and worst as of `Corrections`
     """
 
     def __init__(
-        self, flow: Any, tables: Sequence[Any], literals: Any, bound: bool, gain: float, x: Any, rows: Sequence[Any]
+        self, flow: Any, tables: Sequence[Any], literals: Any, form: Any, gain: float, x: Any, rows: Sequence[Any]
     ):
-        self.flow, self.literals, self.bound, self.gain, self.x = flow, literals, bound, gain, x
+        self.flow, self.literals, (self.bound, self.parts), self.gain, self.x = flow, literals, form, gain, x
         self.z, self.c, self.targets, self.worst = rows
         sizes, self.ops, self.runs, self.outs, self.ends, self.cones, self.columns = tables
         self.d, self.k, columns, literal_count, length, self.run_count, self.first = (sizes[i] for i in range(7))
@@ -280,19 +279,29 @@ class Projection:
 
     def correct(self) -> None:
         """One step of Gauss and Newton, and the lead and the farthest correction of each invariant."""
-        unit = 1.0 / root(self._dot(0, 0))
+        unit = len(self.parts) ** -0.5 if self.parts else 1.0 / root(self._dot(0, 0, self.d))
+        self._weigh()
         for j in self.flow.indices(0, self.k):
             self._lack(j, unit)
         self._solve()
+        self._weigh()
         for i in self.flow.indices(self.first, self.d):
             value = self.flow.cell(self.x[i])
             for j in self.flow.indices(0, self.k):
                 value[0] = fused(-self.x[self.J + j * self.d + i], self.x[self.R + j], value[0])
             self.z[i] = value[0]
 
-    def _dot(self, a: Any, b: Any) -> Any:
+    def _weigh(self) -> None:
+        """Multiply J by the sizes of components of unlike units."""
+        for first, last in self.parts:
+            size = root(self._dot(first, first, last - first))
+            for j in self.flow.indices(0, self.k):
+                for i in self.flow.indices(self.J + j * self.d + first, self.J + j * self.d + last):
+                    self.x[i] = size * self.x[i]
+
+    def _dot(self, a: Any, b: Any, count: Any) -> Any:
         total = self.flow.cell(0.0)
-        for i in self.flow.indices(0, self.d):
+        for i in self.flow.indices(0, count):
             total[0] = fused(self.x[a + i], self.x[b + i], total[0])
         return total[0]
 
@@ -300,9 +309,8 @@ class Projection:
         """Make a row of J of length 1; by how much its invariant is to change, in that unit."""
         x, targets, row, out = self.x, self.targets, self.J + j * self.d, self.outs[j]
         flat = targets[4 * j + 2] * (unit * FLAT)
-        total = root(fused(flat, flat, self._dot(row, row)))
-        scale = where_less(0.0, total, 1.0 / total, 0.0)
-        scale = where_less(total, HUGE, scale, 0.0)  # a step that is not finite is zero, too
+        total = root(fused(flat, flat, self._dot(row, row, self.d)))
+        scale = where_less(total, HUGE, where_less(0.0, total, 1.0 / total, 0.0), 0.0)  # 0 if it is not finite
         for i in self.flow.indices(row, row + self.d):
             slope = x[i]
             if isinstance(slope, Number) or slope:
@@ -326,7 +334,7 @@ class Projection:
         x, k, G, R, indices = self.x, self.k, self.G, self.R, self.flow.indices
         for j in indices(0, k):
             for q in indices(j, k):
-                x[G + j * k + q] = self._dot(self.J + j * self.d, self.J + q * self.d)
+                x[G + j * k + q] = self._dot(self.J + j * self.d, self.J + q * self.d, self.d)
             x[G + j * k + j] = x[G + j * k + j] + TAU
         for j in indices(0, k):
             pivot = 1.0 / x[G + j * k + j]
@@ -382,7 +390,7 @@ def recorded_projection(program: Program, gain: float) -> tuple[Graph, Outputs, 
     graph = Graph()
     rows = [_Inputs(graph, letter) for letter in "zctw"]
     tables, room = [table.ravel().tolist() for table in program.tables], defaultdict[int, Any](float)
-    projection = Projection(Straight, tables, program.literals.tolist(), program.first > 0, gain, room, rows)
+    projection = Projection(Straight, tables, program.literals.tolist(), program.form, gain, room, rows)
     projection.values()
     projection.gradients()
     projection.correct()
@@ -465,14 +473,13 @@ class _Rows:
 
 
 def in_loops(
-    f: Function, bound: bool, gain: float, lanes: Mapping[str, Any], kind: ir.Type, begin: Integer,
+    f: Function, form: Any, gain: float, lanes: Mapping[str, Any], kind: ir.Type, begin: Integer,
     tables: Sequence[Memory], room: Any,
 ) -> None:  # fmt: skip
     """The projection by the tables of any program; lanes: z, c, t, w as of `recorded_projection`, and its literals."""
     flow = _Looping(f, kind)
-    memories = [*lanes.values(), room]
-    *rows, literals, x = (_Rows(flow, memory) for memory in memories)
-    projection = Projection(flow, tables, literals, bound, gain, x, rows)
+    *rows, literals, x = (_Rows(flow, memory) for memory in (*lanes.values(), room))
+    projection = Projection(flow, tables, literals, form, gain, x, rows)
     projection.values()
     with f.otherwise(begin.compared("!=", 0)) as (start, proceed):
         with start:
@@ -496,7 +503,7 @@ def compiled(programs: Sequence[Program], width: int) -> Kernel:
 def _compiled(programs: Sequence[Program], width: int) -> Kernel:
     straight, kind = written_out(programs), kind_of(width)
     gain = GAIN_STRAIGHT if straight else GAIN
-    parts = [program.digest if straight else program.first > 0 for program in programs]
+    parts = [program.digest if straight else program.form for program in programs]
 
     def write(f: Function) -> None:
         table, room, first, last, begin = f.arguments
@@ -517,7 +524,7 @@ def _compiled(programs: Sequence[Program], width: int) -> Kernel:
                 if straight:
                     _straight(f, program, gain, lanes, kind, begin)
                 else:
-                    in_loops(f, program.first > 0, gain, lanes, kind, begin, integers, rows)
+                    in_loops(f, program.form, gain, lanes, kind, begin, integers, rows)
             table = words[13]
 
     return kernel(("projection", width, straight, gain, TAU, *parts), 5, write)
@@ -544,8 +551,7 @@ class CompiledProjection(Corrections):
         self._z, self._compiled, self.woven = z, project, woven
         self._room = LINE // 8 + (0 if written_out(programs) else width * max(program.rows for program in programs))
         self._held: list[np.ndarray] = []  # as long as their addresses are used
-        self._rooms: dict[int, int] = {}
-        self._first = 0
+        self._rooms, self._first = dict[int, int](), 0
         for program in reversed(programs):
             first = program is programs[0]
             targets, worst = (self.targets, self.worst) if first else (self.bound, np.zeros(self.bound.shape[:2]))

@@ -225,7 +225,7 @@ def steps_of_a_lane(record: Recording, precision: str) -> Body:
     return body
 
 
-def projection_of_a_lane(bound: bool) -> Body:
+def projection_of_a_lane(form: Any) -> Body:
     """The code of a thread that projects lane `first` + its number: any program, by its tables."""
 
     def body(f: Function, lane: Integer, arguments: Sequence[Integer]) -> None:
@@ -240,7 +240,7 @@ def projection_of_a_lane(bound: bool) -> Body:
             "w": f.doubles(worst).beyond(at * k),
             "l": f.doubles(literals),
         }
-        in_loops(f, bound, GAIN, numbers, DOUBLE, begin, integers, Column(f.doubles(room), lane, threads))
+        in_loops(f, form, GAIN, numbers, DOUBLE, begin, integers, Column(f.doubles(room), lane, threads))
 
     return body
 
@@ -268,9 +268,8 @@ class GpuProjection(Corrections):
         return self._device.host(self._arrays[name])
 
     def _tables(self, program: Program) -> tuple[Any, ...]:
-        bound = program.first > 0
         arguments = 4 + 1 + len(program.tables) + 5
-        kernel = self._device.compiled(("projection", bound), arguments, projection_of_a_lane(bound))
+        kernel = self._device.compiled(("projection", *program.form), arguments, projection_of_a_lane(program.form))
         arrays = [np.ascontiguousarray(table) for table in (program.literals, *program.tables)]
         return kernel, [self._device.array(array) for array in arrays]
 

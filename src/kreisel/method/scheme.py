@@ -235,6 +235,7 @@ class Scheme:
                                trajectories from rows z, not finite if there are none; in place of `point`
     conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, for quantities that it lets drift
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
+    unlike                               whether a projection changes each component in proportion to its size
     between                              the most steps between two projections; 0: what their cost allows
     coupling                             interactions of the lanes; None for separate lanes
     guard                                why steps may fail; None if nothing is known of it
@@ -263,6 +264,7 @@ class Scheme:
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` only
     conserved: Callable[..., dict[str, Array]] | None = None
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
+    unlike: bool = False
     between: int = 0
     coupling: Coupling | None = None
     corrector: Corrector | None = None
@@ -394,6 +396,7 @@ def scheme_of(
         "observe": observe,
         "reopen": tuple,
         "outcomes": outcomes,
+        "unlike": model.system.space.unlike,
     }
     return Scheme(name, motion=motion, **(usual | fields))
 

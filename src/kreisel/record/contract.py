@@ -49,7 +49,7 @@ class PhaseSpace:
     body, such as a, P or x, on which potentials depend; the others are momenta.  `constraints` names functions that
     vanish on the phase space when it is a submanifold of its coordinate space.  `draw(n, draw)` returns a random point
     from random values draw(shape), if not every point of the coordinate space is allowed.  `sites`: whether the n
-    entries of a vector belong to n sites.
+    entries of a vector belong to n sites.  `unlike`: whether the components have unlike units and sizes.
     """
 
     name: str
@@ -62,6 +62,7 @@ class PhaseSpace:
     carried: tuple[int, ...] = (1,)
     draw: Function | None = None
     sites: bool = False
+    unlike: bool = False
 
     @cached_property
     def letters(self) -> tuple[str, ...]:
