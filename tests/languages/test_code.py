@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 import shutil
@@ -456,6 +457,39 @@ def test_files_are_short_and_their_functions_have_no_number_of_the_body(name: st
         assert all(
             re.match(r"(static const double \w+|export const \w+|const \w+)(\[\d\])? = ", line) for line in differ
         )
+
+
+def rows_by_python(body: Any, start: Any, dt: float, **asked: Any) -> list[tuple[Any, ...]]:
+    """State and outputs at t = 0, 1.4 dt, ..., 40 x 1.4 dt by a file that was generated with dt."""
+    file: dict[str, Any] = {}
+    text = kr.code(body, start, dt=dt, language="python", **asked)
+    exec(compile(text, "rock.py", "exec"), file)
+    c, s, out, rows = file["Constants"](), file["State"](), [0.0] * 2, []
+    values = {k: v for k, v in file.items() if k.startswith("default_") and "_start_" not in k}
+    file["prepare"](c, **{k[8:]: v for k, v in values.items()} | {"dt": 1.4 * dt})
+    for name in vars(s):
+        setattr(s, name, [*file.get(f"default_start_{name}", [0.0])])
+    for k in range(41):
+        file["observe"](c, s, out)
+        rows.append((k * 1.4 * dt, copy.deepcopy(s), *out))
+        file["advance"](c, s, 1)
+    return rows
+
+
+def test_energies_are_those_of_the_dt_of_prepare() -> None:
+    """Kahan's map conserves a deformed energy; a satellite has V = 3 n^2 u . I u/2, u from the Earth, in the body."""
+    _, _, energy, deformed = zip(*rows_by_python(TOP, TOP_START, DT, method="kahan"), strict=True)
+    assert np.ptp(energy) > 1e-6
+    assert np.ptp(deformed) < 1e-13
+    inertia, n = np.array([0.02, 0.03, 0.04]), np.sqrt(3.986004418e14 / 7e6**3)
+    satellite = kr.physical.Satellite(inertia, kr.physical.Orbit(7e6))
+    rows = rows_by_python(satellite, satellite.state((2 * n, n, 0.5 * n)), 30.0)
+    u = np.array(
+        [Rotation.from_quat(s.g, scalar_first=True).inv().apply([np.cos(n * t), np.sin(n * t), 0]) for t, s, *_ in rows]
+    )
+    M, energy = np.array([s.M for _, s, *_ in rows]), np.array([energy for *_, energy, _ in rows])
+    expected = (M**2 / inertia).sum(1) / 2 + 1.5 * n**2 * (inertia * u**2).sum(1)
+    assert abs(energy - energy[0] - expected + expected[0]).max() < 1e-9 * np.ptp(expected) + 1e-15
 
 
 @pytest.mark.parametrize("case", ["suris 1", "veselov 4", "a motor with limits"])

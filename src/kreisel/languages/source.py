@@ -124,11 +124,12 @@ class Stepped:
         return {} if derive is None else call(derive, (), parameters)
 
     def scheme(self, c: Values) -> Scheme:
-        """With dt and parameters among the constants of the file."""
+        """With dt, and parameters if the method accepts recorded ones, among the constants of the file."""
         if self.fitted:
             return self.fixed
         constants = self._constants(c)
-        return self._recorded(c["dt"], {k: constants[k] for k in self.model.constants if k in constants}) or self.fixed
+        recorded = self._recorded(c["dt"], {k: constants[k] for k in self.model.constants if k in constants})
+        return recorded or cast("Scheme", self._recorded(c["dt"]))
 
     @property
     def parameters(self) -> dict[str, Field]:
