@@ -284,7 +284,6 @@ MISTAKES = {
     "axes of wheels": (lambda: Wheels([[1, 1, 0]]), "rows of 3 values and length 1"),
     "a step that does not divide": (lambda: stepped(noisy(), 0.3), "a step that divides the time"),
     "a time between samples": (lambda: stepped(noisy(), 2.0).steps(started(noisy()), 1, time=0.5), "a multiple of dt"),
-    "steps beyond a sample": (lambda: stepped(noisy(), 2.0).to(started(noisy()), 6.5), "at complete steps of dt"),
     "a method without samples": (lambda: stepped(noisy(), 2.0, method="dop853"), "expected 'splitting'"),
     "a chosen order": (
         lambda: kr.simulate(noisy(), noisy().state(), dt=2.0, t_end=8.0, order="auto", tol=1e-6),

@@ -54,8 +54,8 @@ DEVIATION, BIAS, LIMIT = "noise_", "bias_", "limit_"
 SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **{k: f.shape for k, f in FIELDS.items()}}
 COMMANDS = {"dipole": "A m^2", "torque": "N m", WHEEL_TORQUE: "N m", "impulse": "N m s"}
 
-WHOLE_SAMPLES = 1e-9  # relative
-ROUNDING = 1e-12  # of a start in steps
+WHOLE_SAMPLES = 1e-9  # relative: steps that are meant to divide the time between samples
+ROUNDING = 5e-14  # relative, of times in steps; less than `splitting.NEAR_SAMPLE`
 
 State = tuple[Array, ...]
 
@@ -90,6 +90,14 @@ def _sampler(model: Model) -> Controller | None:
     return record.control if record is not None and record.sampled else None
 
 
+def whole_samples(model: Model, dt: float) -> float:
+    """The step dt, rounded to a fraction of the time between samples if it is one to 9 digits: it must not drift."""
+    control = _sampler(model)
+    if control is None or not _is_fraction(steps := control.every / dt):
+        return dt
+    return control.every / round(steps) if abs(steps - round(steps)) <= WHOLE_SAMPLES * round(steps) else dt
+
+
 def require_whole_samples(model: Model, dt: float, start: float = 0.0, name: str = "t_start") -> None:
     """Raises `InputError` for steps that do not divide the time between samples, or miss one; `name` of the start."""
     control = _sampler(model)
@@ -101,12 +109,12 @@ def require_whole_samples(model: Model, dt: float, start: float = 0.0, name: str
         raise InputError(
             f"dt: expected a step that divides the time between two samples of the controller, every = {every:g} s, "
             f"got dt = {dt:g} s. Usual cause: a t_end that is not a multiple of dt, for which steps are a little "
-            f"shorter. Use dt = {every / max(1, round(steps)):g} s."
+            f"shorter. Use dt = {every / max(1, round(steps))!r} s."
         )
     if _is_fraction(count):
         raise InputError(
             f"{name}: expected a multiple of dt = {dt:g} s, at which the controller is sampled, got "
-            f"{start * control.time:g}."
+            f"{start * control.time:.15g}."
         )
 
 
@@ -117,20 +125,7 @@ def samples_missed(model: Model, dt: Any, start: Any) -> Any:
 
 
 def _is_fraction(x: Any) -> Any:
-    return abs(x - round(x)) > WHOLE_SAMPLES * abs(x) + ROUNDING
-
-
-def require_no_sample(model: Model, time: float, end: float) -> None:
-    """Raises `InputError` if there is a sample between two times: shorter steps would miss it."""
-    control = _sampler(model)
-    if control is None:
-        return
-    every, unit = control.every, control.time
-    if np.floor(time / every * (1 + WHOLE_SAMPLES)) + 1 < end / every * (1 - WHOLE_SAMPLES):
-        raise InputError(
-            f"times: expected times at complete steps of dt, since the controller is sampled every {every * unit:g} s, "
-            f"got {end * unit:g} s after {time * unit:g} s. Stop at the samples, or use a shorter dt."
-        )
+    return abs(x - round(x)) > ROUNDING * abs(x)
 
 
 # -- a sample ----------------------------------------------------------------------------------------------

@@ -66,7 +66,7 @@ from kreisel.record.perturbation import TIME, pairs_of
 
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
 REACH, STORED = "_reach", "_wheels"
-NEAR_SAMPLE = 1e-6  # of the time between two samples
+NEAR_SAMPLE = 1e-13  # relative, of the time of a sample, or of the time between two
 TICKS = 1024  # in dt: a constant of 1 has a separate kernel, and dt = 1 is common
 
 Constants = Mapping[str, Array]
@@ -157,11 +157,12 @@ class Splitting:
 
         ratio = carried[COUNT] * constants["_sample"]
         apart, near = ratio - algebra.nearest(ratio), constants["_first"] * NEAR_SAMPLE
+        due = near * near * (1 + ratio * ratio) - apart * apart
         before = algebra.flatten((*(state[i] for i in places), carried[WORK]), (*kinds, "scalar"))
         if self.with_zeros:  # derivatives are those of choices, not of branches
-            flat = algebra.where_less(0, near * near - apart * apart, after(), before)
+            flat = algebra.where_less(0, due, after(), before)
         else:
-            flat = algebra.if_positive(near * near - apart * apart, after, before)
+            flat = algebra.if_positive(due, after, before)
         *changed, work = algebra.restore(flat, (*kinds, "scalar"), self.model.n)
         new = dict(enumerate(state)) | dict(zip(places, changed, strict=True))
         return (*new.values(), *g, *(carried | {WORK: work}).values())

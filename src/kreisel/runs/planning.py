@@ -96,6 +96,10 @@ def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: Orient
     require_within(model, settings.t_start, settings.t_start + settings.time)
     if settings.order == "auto":
         return _chosen(model, state, settings, orientation)
+    if model.system.perturbation is not None and model.system.perturbation.sampled:
+        from kreisel.forces.control import whole_samples
+
+        settings = settings.but(dt=whole_samples(model, settings.dt))
     method = settings.method or default(model, settings)
     chosen = scheme(model, method, settings.dt, whole_order(settings.order), orientation is not None)
     if settings.tol is not None:

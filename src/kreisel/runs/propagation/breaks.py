@@ -50,9 +50,9 @@ class Breaks:
         for impulse in plan.settings.impulses:
             step = max(0, int(np.ceil(impulse["time"] / plan.dt * (1 - WHOLE))) - 1)
             within = impulse["time"] - step * plan.dt
-            self._places.append((step, plan.dt if within > plan.dt * (1 - WHOLE) else within))
+            self._places.append((step, plan.dt if within > plan.dt - WHOLE * impulse["time"] else within))
         self._broken = sorted({step for step, _ in self._places})
-        self._signs = Signs(self._values, self._step, [event.rising for event in self.events])
+        self._signs = Signs(self._values, self._step, [event.rising for event in self.events], self._stepper.least)
         if self.events:
             self._signs.begin(plan.first, 0.0)
 

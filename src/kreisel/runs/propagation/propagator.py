@@ -14,6 +14,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, hint, shown
+from kreisel.forces.control import whole_samples
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
 from kreisel.method.scheme import ORIENTATION, Flow, Orbits
@@ -82,6 +83,7 @@ def propagator(
     flag(oriented, "orientation")
     flag(project, "project")
     step, order = 1.0 if dt is None else positive_number(dt, "dt"), whole_order(order)
+    step = whole_samples(model, step)
     scheme = scheme_of(model, named(method, "method"), step, order, bool(oriented))
     if scheme.coupling is not None and len(observe):
         raise InputError(
@@ -211,9 +213,9 @@ class Propagator:
     def to(self, state: Any, times: Any, time: float = 0.0, **parameters: Any) -> Any:
         """The state at a time, or at times (times,) along a first axis, in order, from the state at `time`.
 
-        Uses steps of dt or a little shorter, equal from one time to the next: for rows at any times, and for impulses,
-        which change the state between two calls.  `work` counts from the start.  `parameters` as for `steps`.  Raises
-        as `steps`.
+        Uses steps of dt or a little shorter, equal from one time to the next; with a controller, of dt between the
+        multiples of dt.  For rows at any times, and for impulses, which change the state between two calls.  `work`
+        counts from the start.  `parameters` as for `steps`.  Raises as `steps`.
         """
         stepper = self._stepper
         if type(times) is float and type(time) is float and math.isfinite(times - time) and not stepper.is_flow:
@@ -274,7 +276,8 @@ class Propagator:
         def values(z: Floats, t: float) -> Floats:
             return np.array([number_of(quantity, form(z, t), "until")])
 
-        signs = Signs(values, self._stepper.step, (None if rising is None else bool(rising),))
+        side = None if rising is None else bool(rising)
+        signs = Signs(values, self._stepper.step, (side,), self._stepper.least)
         z, t, crossed = _first_crossing(self._stepper, self._forms.prepared(x), signs, begun, last)
         return Crossing(form(z, t), t, crossed)
 
@@ -297,21 +300,25 @@ class Propagator:
 def _first_crossing(stepper: Stepper, z: Floats, signs: Signs, time: float, end: float) -> tuple[Floats, float, bool]:
     """The state at which a quantity first changes its sign after `time`, or the state at `end`."""
     stepper.require_reach(time, end)
-    ahead = signs.values(stepper.step(z, time, stepper.dt), time + stepper.dt)
+    time = stepper.on_grid(time)
+    h = stepper.to_sample(time) or stepper.dt
+    ahead = signs.values(stepper.step(z, time, h), time + h)
     values, block = signs.begin(z, time), FEWEST
     if abs(values[0]) <= AT_ZERO * max(abs(values[0]), abs(ahead[0])):
         signs.sides[0] = 0.0  # the last search ended here, at a value of rounding
-    while time < end:
-        left = (end - time) / stepper.dt * (1 - WHOLE)
-        count, h = (min(block, math.floor(left)), stepper.dt) if left >= 1 else (1, end - time)
+    while end - time > stepper.least / 2:
+        pace = stepper.to_sample(time) or stepper.dt
+        left = (end - time) / pace * (1 - WHOLE)
+        most = min(block, math.floor(left)) if pace == stepper.dt else 1
+        count, h = (most, pace) if left >= 1 else (1, end - time)
         rows, block = stepper.stepped(z, time, h, count, 1), min(2 * block, MOST_ROWS)
         for k, row in enumerate(rows[1:]):
             begun = time + k * h
             if signs.changed(signs.values(row, time + (k + 1) * h)):
                 after = signs.place(0, rows[k], begun, h)
                 return stepper.step(rows[k], begun, after), begun + after, True
-        z, time = rows[-1], end if left < 1 else time + count * h
-    return z, time, False
+        z, time = rows[-1], end if left < 1 else stepper.on_grid(time + count * h)
+    return z, end, False
 
 
 class BodyPropagator:

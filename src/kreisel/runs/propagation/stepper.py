@@ -17,7 +17,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, RunError, shown
-from kreisel.forces.control import require_no_sample
 from kreisel.graph.machine import Chain, Link
 from kreisel.graph.project import FAR
 from kreisel.graph.recording import fill
@@ -40,7 +39,7 @@ if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
 
 NONE: Mapping[str, Array] = MappingProxyType({})
-WHOLE_STEPS = 1e-9  # relative
+NEAR_STEP = 1e-6  # of a step: times that a loop adds up, of samples of a controller
 NOT_FOLDED = 0.5  # neither 0 nor 1
 MANY = 1000  # steps of a call during which other threads run
 SET_UP = 150_000  # operations on lanes in the time that the pairs of maps of a lane need
@@ -65,6 +64,7 @@ class Stepper:
         record = model.system.perturbation
         self.timed = record is not None and record.names(TIME)
         self._sampled = record is not None and record.sampled
+        self.least = 2 * NEAR_STEP * self.dt if self._sampled else 0.0
         self._tabled = any(tables_of_time(model))
         self.is_flow = isinstance(scheme.motion, Orbits)
         self._set_up = isinstance(scheme.motion, Flow | Orbits)  # by the state
@@ -178,6 +178,8 @@ class Stepper:
             order = scheme.options.get("order")
             scheme = scheme_of(self.model, scheme.name, h, order, self.forms.oriented, kept=False)
             scheme = _unfolded(scheme, (*parameters,))
+        elif self._sampled:
+            time = self._steps_at(time) * h
         return self._rows(self.at_time(z, time, h), count, every, scheme, parameters)
 
     def _rows(
@@ -255,11 +257,23 @@ class Stepper:
         """A time in steps of dt.  Raises `InputError` if samples of a controller would not be at complete steps."""
         finite = type(time) is float and math.isfinite(time)
         steps: float = (time if finite else finite_number(time, "time")) / self.dt
-        if self._sampled and abs(steps - round(steps)) > WHOLE_STEPS * max(1.0, abs(steps)):
+        if not self._sampled:
+            return steps
+        if abs(steps - round(steps)) > NEAR_STEP:
             raise InputError(
-                f"time: expected a multiple of dt = {self.dt:g}, at which the controller is sampled, got {time:g}."
+                f"time: expected a multiple of dt = {self.dt:g}, at which the controller is sampled, got {time:.15g}."
             )
-        return steps
+        return float(round(steps))
+
+    def on_grid(self, time: float) -> float:
+        """The time, at a sample of a controller without its rounding."""
+        steps = time / self.dt if self._sampled else 0.5
+        return round(steps) * self.dt if abs(steps - round(steps)) <= NEAR_STEP else time
+
+    def to_sample(self, time: float) -> float:
+        """The time from between two steps to the next, at which a controller may be sampled; 0 at one, or without."""
+        ahead = math.ceil(time / self.dt - NEAR_STEP) * self.dt - time if self._sampled else 0.0
+        return ahead if ahead > self.least / 2 else 0.0
 
     # -- the closed form -------------------------------------------------------------------------------
 
@@ -328,20 +342,33 @@ class Stepper:
         return self.stepped(z, time, h, 1, 1)[-1] if h > SHORTEST_STEP else z
 
     def walked(self, z: Floats, time: float, end: float, parameters: Mapping[str, Array] = NONE) -> Floats:
-        """The state at a later time, in equal steps of at most dt."""
+        """The state at a later time, in equal steps of at most dt; with a controller in steps between its samples."""
         self.require_reach(time, end)
-        gap = end - time
+        time = self.on_grid(time)
+        for h, count in self._pieces(time, end):
+            z = self.stepped(z, time, h, count, count, parameters)[-1]
+            time = self.on_grid(time + count * h)
+        return z
+
+    def _pieces(self, time: float, end: float) -> list[tuple[float, int]]:
+        """The lengths and numbers of steps between two times."""
+        gap, count = end - time, self.whole_steps(time, end)
         if gap <= SHORTEST_STEP:
-            return z
-        count = self.whole_steps(time, end)
+            return []
         if count is not None:
-            return self.stepped(z, time, self.dt, count, count, parameters)[-1]
-        require_no_sample(self.model, time, end)
-        count = math.ceil(gap / self.dt)
-        return self.stepped(z, time, gap / count, count, count, parameters)[-1]
+            return [(self.dt, count)]
+        if not self._sampled:
+            count = math.ceil(gap / self.dt)
+            return [(gap / count, count)]
+        ahead = min(self.to_sample(time), gap)
+        count = math.floor((gap - ahead) / self.dt + NEAR_STEP)
+        pieces = [(ahead, 1), (self.dt, count), (gap - ahead - count * self.dt, 1)]
+        return [(h, count) for h, count in pieces if count * h > self.least / 2]
 
     def whole_steps(self, time: float, end: float) -> int | None:
         """The number of steps of dt between two times, up to their rounding; None if it is not an integer."""
+        if self._sampled and self.to_sample(time):
+            return None
         steps = (end - time) / self.dt
         rounding = WHOLE * steps + EXACT * (abs(time) + abs(end)) / self.dt
         return round(steps) if 0.5 <= steps <= MOST_STEPS and abs(steps - round(steps)) <= rounding else None
@@ -462,6 +489,7 @@ class Signs:
     values  (z, time) -> the quantities (count,)
     step    (z, time, h) -> z, a single step
     rising  of each quantity: True, False for changes only upward, downward; None: both
+    least   the shortest time to a change: at a sample of a controller quantities jump, and it is not repeated
     """
 
     def __init__(
@@ -469,8 +497,9 @@ class Signs:
         values: Callable[[Floats, float], Floats],
         step: Callable[[Floats, float, float], Floats],
         rising: Sequence[bool | None],
+        least: float = 0.0,
     ):
-        self.values, self._step, self._rising = values, step, rising
+        self.values, self._step, self._rising, self._least = values, step, rising, least
         self.sides = np.zeros(len(rising))
 
     def begin(self, z: Floats, time: float) -> Floats:
@@ -499,7 +528,9 @@ class Signs:
         side = self.sides[i]
         if value(0.0) * side <= 0:
             return 0.0
-        return h if value(h) * side >= 0 else float(brentq(value, 0.0, h, xtol=EXACT * h, rtol=EXACT))
+        if value(h) * side >= 0:
+            return h
+        return min(h, max(self._least, float(brentq(value, 0.0, h, xtol=EXACT * h, rtol=EXACT))))
 
 
 def number_of(quantity: Any, state: Any, name: str) -> float:

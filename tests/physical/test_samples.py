@@ -1,0 +1,92 @@
+"""Samples of a controller are at multiples of its time, once each: a law counts them, each adds k N m s."""
+
+import json
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.physical import FreeBody
+
+PUSH = 1e-3  # N m s, about the first axis of a sphere
+FAR = 31_536_000.0  # s: a year
+
+
+def pushes(count):
+    return {"impulse": PUSH * np.array([1, 0, 0]) + 0 * count, "count": count + 1.0}
+
+
+def pushed(every="1 s"):
+    return FreeBody((1, 1, 1), control=kr.Control(pushes, every=every, memory={"count": 0.0}))
+
+
+def ran(dt=0.25, **more):
+    body = pushed()
+    return kr.simulate(body, body.state((0, 0, 0)), dt=dt, progress=False, **more)
+
+
+def moved(count):
+    return pytest.approx(PUSH * count, rel=1e-12)
+
+
+@pytest.mark.parametrize("dt", [0.333333333, 0.3333333335, 1 / 3])
+def test_a_third_of_a_second_to_nine_digits_is_a_third(dt) -> None:
+    run = ran(dt, steps=4500, every=4500)
+    assert run["count"][-1] == 1500 and run.time[-1] == pytest.approx(1500, rel=1e-14)
+    assert run.momentum[-1, 0] == moved(1500)
+
+
+def test_a_year_later_a_start_between_samples_is_refused() -> None:
+    assert ran(0.1, steps=100, every=100, t_start=FAR)["count"][-1] == 10
+    assert ran(0.1, t_end=FAR + 10.1, every=100, t_start=FAR + 0.1)["count"][-1] == 10  # whose dt rounds
+    with pytest.raises(kr.InputError, match=r"^t_start: expected a multiple of dt = 0\.1 s"):
+        ran(0.1, steps=100, t_start=FAR + 0.02)
+    with pytest.raises(kr.InputError, match=r"^time: expected a multiple of dt = 0\.1"):
+        kr.propagator(pushed(), dt=0.1).steps(pushed().state((0, 0, 0)), 10, time=FAR + 0.02)
+
+
+@pytest.mark.parametrize("apart", [0, 1e-12, 1e-9, -1e-9, 5e-7, -5e-7, 0.1])
+def test_an_impulse_near_a_sample_is_not_a_sample(apart) -> None:
+    run = ran(steps=80, impulses={"time": 8 + apart, "momentum": (0, 0.5, 0)})
+    assert run["count"].values.tolist() == [np.ceil(t) for t in run.time.values]
+    assert run.momentum[-1].values.tolist() == [moved(20), 0.5, 0]
+
+
+@pytest.mark.parametrize(
+    "quantity", [lambda x: x["count"] - 5.5, lambda x: x["momentum"][0] - 5.5 * PUSH], ids=["memory", "momentum"]
+)
+def test_a_sample_is_an_event(quantity) -> None:
+    """The sixth sample, after 5 s, changes the sign; afterwards there are as many as before."""
+    run = ran(steps=80, events=kr.Event(quantity, lambda x: {**x, "momentum": x["momentum"] + (0, 0.5, 0)}))
+    [[time, _]] = json.loads(run.attrs["event_times"])
+    assert time == pytest.approx(5, abs=1e-6) and run["count"][-1] == 20
+    assert run.momentum[-1].values.tolist() == [moved(20), 0.5, 0]
+    stopped = ran(steps=80, events=kr.Event(quantity))
+    assert stopped.time[-1] == pytest.approx(5, abs=1e-6) and stopped["count"][-1] == 6
+    motion = kr.propagator(pushed(), dt=0.25)
+    state, time, crossed = motion.until(pushed().state((0, 0, 0)), quantity, 20.0)
+    assert crossed and time == pytest.approx(5, abs=1e-6) and state["count"] == 6
+    end = motion.to(state, 20.0, time=time)
+    assert end["count"] == 20 and end["momentum"][0] == moved(20)
+
+
+def test_a_propagator_samples_from_any_time_to_any_time() -> None:
+    """A loop that ends between samples, and one that adds up its times."""
+    body = FreeBody((1, 1, 1), torque=lambda t: np.array([0, 1.0, 0]) + 0 * t, control=pushed().control)
+    motion = kr.propagator(body, dt=0.25)
+    state, time = body.state((0, 0, 0)), 0.0
+    for end in (0.9, 1.0, 1.1, 4.35, 8.0, 20.6):
+        state, time = motion.to(state, end, time=time), end
+        assert state["count"] == np.ceil(end) and state["momentum"].tolist() == [
+            moved(state["count"]),
+            pytest.approx(end),
+            0,
+        ]
+    state, time, crossed = motion.until(body.state((0, 0, 0)), lambda x: x["momentum"][1] - 0.6, 20.0)
+    assert crossed and time == pytest.approx(0.6, rel=1e-12) and state["count"] == 1
+    state, time, crossed = motion.until(state, lambda x: x["momentum"][1] - 3.1, 20.0, time=time)
+    assert crossed and time == pytest.approx(3.1, rel=1e-12) and state["count"] == 4
+    quick = kr.propagator(pushed("0.1 s"), dt=0.1)
+    assert quick.steps(body.state((0, 0, 0)), 10, time=21000.09999997490)["count"] == 10  # 210001 times 0.1, added up
+    with pytest.raises(kr.InputError, match=r"^time: expected a multiple of dt = 0\.1, .* got 27000\.0999998876\.$"):
+        quick.steps(body.state((0, 0, 0)), 10, time=27000.09999988759)
