@@ -90,3 +90,27 @@ def test_a_propagator_samples_from_any_time_to_any_time() -> None:
     assert quick.steps(body.state((0, 0, 0)), 10, time=21000.09999997490)["count"] == 10  # 210001 times 0.1, added up
     with pytest.raises(kr.InputError, match=r"^time: expected a multiple of dt = 0\.1, .* got 27000\.0999998876\.$"):
         quick.steps(body.state((0, 0, 0)), 10, time=27000.09999988759)
+
+
+def test_derivatives_pass_through_a_memory_of_one_value() -> None:
+    """A sphere is at rest and gets k N m s in each second: its momentum after 5 s is 5 k, the derivative 5."""
+    import jax
+
+    from kreisel.reduction import double
+
+    law = kr.Control(
+        lambda count, *, k: {"impulse": k * np.array([0, 1, 0]), "count": count + 1.0},
+        memory={"count": 0.0},
+        parameters={"k": PUSH},
+    )
+    body = FreeBody((1, 1, 1), control=law)
+    motion = kr.differentiable(body)
+    rows = motion(body.state((0, 0, 0)), dt=0.25, steps=20, every=4)
+    assert rows["count"].tolist() == [0, 1, 2, 3, 4, 5]
+    later = motion({name: value[2] for name, value in rows.items()}, dt=0.25, steps=12, time=2.0)
+    assert float(later["count"]) == 5 and later["momentum"].tolist() == [0, moved(5), 0]
+    with double():
+        slope = jax.grad(lambda k: motion(body.state((0, 0, 0)), dt=0.25, steps=20, k=k)["momentum"][1])
+        assert float(slope(PUSH)) == pytest.approx(5, rel=1e-12)
+    with pytest.raises(kr.InputError, match=r"^momentum: expected a vector, got one value"):
+        motion({"momentum": 1.0, "count": 0.0, "commanded_impulse": np.zeros(3)}, dt=0.25, steps=4)

@@ -432,12 +432,16 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
         orientation = forces is not None and bool(forces.names(ORIENTATION))
     begin = orientation if isinstance(orientation, bool) else oriented(model, orientation)
     along = body.vectors if frame.turned else ()  # parameters along the axes of the body
+    scalars = {letter for letter, kind in model.system.space.components if kind == "scalar"}  # memory of a controller
     motion = differentiable(model, method=method, order=order, orientation=begin)
 
     def changed(state: Mapping[str, Any], forward: bool) -> dict[str, Any]:
         names = frame.names if forward else {name: letter for letter, name in frame.names.items()}
         out = {}
         for name, value in state.items():
+            if name in scalars:
+                out[name] = value
+                continue
             if not np.ndim(value):
                 raise InputError(f"{name}: expected a vector, got one value.")
             matrix = matrix_of(frame, name if forward else names.get(name, name), np.shape(value)[-1], forward)
