@@ -402,6 +402,7 @@ def test_bad_input() -> None:
     cases = [
         (lambda: Binary(STRONG.primary, 3.0), "GravityBody"),
         (lambda: Binary(STRONG.primary, STRONG.secondary, 3.0), "third: expected an Orbit"),
+        (lambda: replace(STRONG, third=Orbit(2e7, J2=True)), "third: expected an Orbit on Kepler's ellipse"),
         (lambda: STRONG.state(semi_major_axis=1500.0, eccentricity=1.2), "0 <= e < 1"),
         (lambda: STRONG.state(semi_major_axis=1500.0, excentricity=0.2), "eccentricity"),
         (lambda: STRONG.state(semi_major_axis=1500.0, eccentricity=0.9), "they touch"),

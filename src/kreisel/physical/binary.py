@@ -245,6 +245,11 @@ class Binary(Varied):
                 )
         if not isinstance(self.third, Orbit | ThirdBody | None):
             raise InputError(f"third: expected an Orbit around the Sun, a ThirdBody or None, got {shown(self.third)}.")
+        if isinstance(self.third, Orbit) and (self.third.J2 or self.third.path is not None):
+            raise InputError(
+                "third: expected an Orbit on Kepler's ellipse, whose primary acts as a point mass, got one with J2 or "
+                "with a table of its path. Give its position and velocity at t = 0: ThirdBody(mu/G, -r, -v)."
+            )
         self.model()
 
     @property
