@@ -64,7 +64,7 @@ def fluid(count, eps):
 
 
 def verlet(theta, rho, weights, eps):
-    """Stoermer and Verlet for H = sum rho_j c_ij (theta_i - theta_j)^2/4 + sum rho_i^2/(2 D), any weights c_ij."""
+    """Stoermer and Verlet for H = sum rho_j c_ij (theta_i - theta_j)^2/2 + sum rho_i^2/(2 D), any weights c_ij."""
     count, p = len(rho), theta
 
     def slope(p):
