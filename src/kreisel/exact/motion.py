@@ -17,7 +17,7 @@ Series of slow variables in fast equations lose digits: as many more are compute
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import astuple, dataclass
 from fractions import Fraction
 from functools import partial
@@ -39,6 +39,7 @@ from kreisel.exact.parts import (
     convolved,
     cos_sin,
     crossed,
+    doubles,
     from_middle,
     left_out,
     orbit_in_parts,
@@ -51,7 +52,8 @@ PLACES = 4  # its first parts, as a power of two: where the series are made that
 MARGIN = 1e-2  # between them the series may converge more slowly
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
 LARGEST = 1e150  # of an integral: products of two must not overflow
-LOST = 1e-13  # of a momentum, relative to that of a swing: rounding is 1e-3 of it
+SHORT = 2.0**-60  # of half a period: shorter motions have a clock that ends with them, not one of 128 places
+SMALL = 40  # binary places: smaller sizes and rates, relative to a part, have as many more
 LEAPT = 8  # as a power of two
 
 MotionState = tuple[Array, Array, Array]
@@ -67,18 +69,6 @@ class Leap:
     r: MpNumber
     turn: Array
     spin: Array
-
-
-def _require_digits(lengths: Sequence[float], reach: float) -> None:
-    """Raises `InputError` if a momentum is rounding of sqrt(|a| |p|), its size in a swing, to the end of a run."""
-    m, a, p = lengths
-    least, most = LOST * math.sqrt(a) * math.sqrt(p), m + a * p * reach
-    if reach and most < least:
-        raise InputError(
-            "The momentum must reach 1e-13 of its size in a swing, sqrt(|a| |p|), for the closed form, which has 16 "
-            f"digits of that: expected at least {least:.2g}, got at most {most:.2g} in a time of {reach:.2g}. Usual "
-            "cause: components in units that do not fit each other. Use a longer time, or method='dop853'."
-        )
 
 
 class TopMotion:
@@ -99,7 +89,6 @@ class TopMotion:
                 f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the "
                 "closed form, so that their products do not overflow, got larger ones. Use other units."
             )
-        _require_digits([math.hypot(*map(float, v)) for v in (self.m, self.b, self.p)], reach)
         three = self.m, self.b, self.p  # along one line, the top is asleep, or hangs, and spins
         steady = integrals.A > 0 and not any(algebra.cross(v, self.b).any() for v in three)
         self.apart = integrals.separatrix or steady  # without a period: it tends to a steady motion, or is one
@@ -109,7 +98,8 @@ class TopMotion:
         self.nutation = Nutation(ctx, integrals)
         self.begin()
         fastest = self._clock(reach, spin_factor)
-        if self.places > LEAPT and not self.apart and integrals.A and integrals.P2:
+        self.binary += self._small()
+        if self.places > LEAPT and not self.endless and integrals.A and integrals.P2:
             self._take_fewer_parts(fastest)
 
     def begin(self) -> None:
@@ -164,6 +154,7 @@ class TopMotion:
         ctx, nutation, integrals = self.ctx, self.nutation, self.integrals
         turn = 2 * ctx.pi
         self.settled = 0
+        self.endless = self.apart or 0 < reach < SHORT * nutation.half_period
         turns = [0, 0] if self.apart else [nutation.period_turn(dual) / turn for dual in (False, True)]
         self.means = [t and (t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
         bp = ctx.sqrt(mp_number(ctx, integrals.A * integrals.P2))
@@ -175,7 +166,7 @@ class TopMotion:
         rate = max(ctx.sqrt(bp), *(v for three in most for v in three)) or ctx.one
         scaled = [tuple(float(v / rate) for v in three) for three in most]
         bounds = np.max([_majorants(m, w, spin, float(bp / rate**2)) for m, w, spin in scaled], 0)
-        unit = 1 / rate if self.apart else nutation.half_period
+        unit = 1 / rate if self.apart else ctx.mpf(2 * reach) if self.endless else nutation.half_period
         halvings = 0
         while (h := float(unit * rate / 2**halvings)) > 1 or left_out(bounds, h) > TAIL:
             halvings += 1
@@ -191,6 +182,14 @@ class TopMotion:
         self.spin = mp_number(ctx, spin_factor * integrals.J) / ctx.sqrt(mp_number(ctx, integrals.A)) / turn
         self.sleeping = mp_number(ctx, integrals.J) / ctx.sqrt(mp_number(ctx, integrals.A)) / turn
         return float(rate)
+
+    def _small(self) -> int:
+        """Binary places of the series beyond `BINARY`, for a state that is almost at rest or almost steady."""
+        m, b, p = self._mp
+        half, A = self.interval / 2, mp_number(self.ctx, self.integrals.A)
+        rates = (m, 0), (algebra.cross(p, b), 1), (algebra.cross(m, b) / (self.ctx.sqrt(A) or 1), 0)
+        sizes = [self.ctx.sqrt(algebra.dot(v, v)) * half ** (1 + k) for v, k in rates]
+        return max(0, -SMALL - min((int(self.ctx.mag(v)) for v in sizes if v), default=0))
 
     def _settled(self) -> int:
         """The number of parts after which a motion on the separatrix is steady: asleep with b parallel to p.
@@ -249,7 +248,7 @@ class TopMotion:
         for j in range(1 << PLACES):
             for inside in (False, True):
                 result, _ = self.series(j, inside)
-                sizes = abs(np.ldexp(result.astype(np.float64), -self.binary))
+                sizes = abs(doubles(result, self.binary))
                 for first, last in ((0, 3), (3, 6), (6, 10)):
                     terms = sizes[:, first:last].sum(1)
                     worst = np.maximum(worst, terms / max(terms[0], np.finfo(float).tiny))
@@ -309,7 +308,7 @@ class TopMotion:
         for _ in range(leap.count):
             old = b
             hat_m, b, a = darboux(hat_m, b, self._mp[2], sign * leap.eps, leap.r)
-            q = algebra.quaternion_product(half_turns(leap.eps * a, old), q)  # eps a: its sign is continuous in h
+            q = algebra.quaternion_product(leap.eps * half_turns(a, old), q)  # eps: the sign is continuous in h
         turn, spin = (v if sign > 0 else algebra.inverse_turn(v) for v in (leap.turn, leap.spin))
         q = algebra.quaternion_product(algebra.quaternion_product(turn, q), spin)
         R = algebra.rotation_matrix(turn)
@@ -342,7 +341,7 @@ class TopMotion:
 
     def _other_sign(self) -> int:
         """Whether the quaternion, freed of the mean rotations, has the other sign after a period."""
-        if self.apart:
+        if self.endless:
             return 0
         before, after = (self.jump(side * self.interval * (1 << (self.places - 1)))[2] for side in (-1, 1))
         return int(algebra.dot(before, after) < 0)

@@ -70,10 +70,15 @@ def from_middle(j: int, places: int) -> int:
     return (j + half) % (2 * half) - half
 
 
+def doubles(series: Array, binary: int) -> Array:
+    """Integers of `binary` places as doubles; the integers may be larger than any double."""
+    return np.asarray(series / (1 << binary), dtype=np.float64)
+
+
 def polynomials(series: Array, binary: int, ctx: Any, units: Array | None = None) -> Array:
     """Polynomials of a part (TERMS, values) from power series (ORDERS, values), integers of `binary` places."""
     units = np.ones(series.shape[1], dtype=object) if units is None else units
-    out: Array = economised()[0] @ np.ldexp(series.astype(np.float64), -binary) * units.astype(np.float64)
+    out: Array = economised()[0] @ doubles(series, binary) * units.astype(np.float64)
     out[0] = [float(ctx.ldexp(ctx.mpf(int(v)), -binary) * unit) for v, unit in zip(series[0], units, strict=True)]
     return out
 
@@ -108,6 +113,7 @@ def orbit_in_parts(
                 kept >> places,
                 *(v + ((at - kept) * w >> bits) for v, w in zip(numbers[1:], asleep, strict=True)),
             ]
-        return np.stack([((v >> (shift - 64)) & (2**64 - 1)).astype(np.uint64) for v in numbers], -1)
+        words = [v >> (shift - 64) for v in numbers] + [numbers[0] >> (shift - 128)]
+        return np.stack([(v & (2**64 - 1)).astype(np.uint64) for v in words], -1)
 
     return Orbit(phases, None if settled is not None else rates, bits, places, cache(place), row, constants)

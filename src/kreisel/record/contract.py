@@ -421,7 +421,8 @@ def pullback(target: System, carry: Function) -> Callable[[Function], Function]:
 class Orbit:
     """One trajectory in closed form: three phases give the position, 64-bit fractions of one revolution.
 
-    phases(M, e)  -> (times, 3) unsigned integers, at times M 2^e: Python integers in an object array, small integers
+    phases(M, e)  -> (times, 4) unsigned integers, at times M 2^e: Python integers in an object array, small integers;
+                  the last one has the next 64 places of the first phase, for small times
     rates         of the phases if they grow like the time, revolutions per unit of time as integers of `bits` binary
                   places; else None
     place(j)      -> (terms, values), for part j of the 2^places parts of the first phase: values that are polynomials

@@ -132,12 +132,11 @@ class ClosedForm:
         dt, exponent = self._dyadic
         for lane, rows in self._lanes(range(len(self.z))).items():
             look()
-            if isinstance(rows, Samples) or rows.orbit.rates is None:
+            steps = rows.steps(dt, exponent) if isinstance(rows, OrbitRows) else None
+            if isinstance(rows, Samples) or steps is None:
                 k = self._done + every * np.arange(1, len(out) + 1).astype(object)
                 rows.at(out, lane, k * dt, np.broadcast_to(exponent, k.shape))
             else:
-                shift = 128 - rows.orbit.bits + exponent
-                steps = [v * dt << shift if shift >= 0 else v * dt >> -shift for v in rows.orbit.rates]
                 rows.fill_evenly(out, lane, [self._done * s for s in steps], [every * s for s in steps])
         self._done += every * len(out)
 
@@ -209,11 +208,17 @@ class OrbitRows:
         self._one_at_a_time = Lock()  # scalars in many digits change their context
         self._kernel = kernel
 
+    def steps(self, M: int, e: int) -> list[int] | None:
+        """The phases of a step M 2^e, of 128 binary places; None without rates, and if the first one has too few."""
+        shift, rates = 128 - self.orbit.bits + e, self.orbit.rates or ()
+        steps = [v * M << shift if shift >= 0 else v * M >> -shift for v in rates]
+        return steps if rates and (abs(steps[0]) > WORD or rates[0] == 0) else None
+
     def fill_evenly(self, out: Floats, lane: int, before: list[int], step: list[int]) -> None:
         """The states at the phases before + step, before + 2 step, ..., of 128 binary places, into out[:, lane]."""
         if not len(self._table):
             at = np.array([[b + k * s for b, s in zip(before, step, strict=True)] for k in range(1, len(out) + 1)])
-            self.fill(out, lane, (at >> 64 & WORD).astype(np.uint64))
+            self.fill(out, lane, (np.concatenate([at >> 64, at[:, :1]], 1) & WORD).astype(np.uint64))
             return
 
         def share(first: int, last: int) -> None:
@@ -229,7 +234,7 @@ class OrbitRows:
         self.fill(out, lane, self.orbit.phases(M, e))
 
     def fill(self, out: Floats, lane: int, phases: Array) -> None:
-        """The states at these phases (rows, 3) into out[:, lane]."""
+        """The states at these phases (rows, 4) into out[:, lane]."""
         needed, where = np.unique(self._nearest(phases[:, 0]), return_inverse=True)
         if len(self._table):
             for j in needed[self._computed[needed] == 0].tolist():
@@ -286,7 +291,7 @@ class RowKernel:
     """The kernel of an orbit and of others like it, made of its `row`: there are no scalars of a lane in it.
 
     It gets the words of a frame: three phases, their upper and their lower words; the same of their steps; then
-    `ARGUMENTS`.  Each row has the phases before it and a step, or those at `phases` (rows, 3) if that is not a null;
+    `ARGUMENTS`.  Each row has the phases before it and a step, or those at `phases` (rows, 4) if that is not a null;
     its place is then in `where`.  It stops before a row whose place is not in the table, and sets `done`.
 
     used  the scalars of a place that it needs
@@ -331,8 +336,10 @@ class _Rows:
         used, (count, start, stopped) = [0, *self._of.turns], f.variables(3, INTEGER)
         self._room = f.room(self._of.begin + self._size * WIDTH)
         self._u, self._x, self._part_index = f.room(len(used) * WIDTH, INTEGER), f.room(WIDTH), f.room(WIDTH, INTEGER)
+        self._low = f.room(WIDTH, INTEGER)
+        self._low_unit = f.builder.fmul((f.integer(1) << words["places"]).double(), DOUBLE(2.0**-126))
         for row in range(WIDTH):  # rows that a last block does not have are computed too
-            self._x[row], self._part_index[row] = 0.0, 0
+            self._x[row], self._part_index[row], self._low[row] = 0.0, 0, 0
         constants = f.doubles(words["constants"])
         fixed, values = independent(graph, nodes, "c"), dict[int, Value]()
         f.compute(graph, [at for at in nodes if at in fixed], values, lambda _, i: constants[i], DOUBLE)
@@ -350,8 +357,9 @@ class _Rows:
             with f.otherwise(words["phases"].compared("!=", 0)) as (listed, evenly):
                 with listed, f.loop(0, count[0]) as i:
                     self._part_index[i] = self._where[start[0] + i]
+                    self._low[i] = self._phases[(start[0] + i) * 4 + 3]
                     for place, k in enumerate(used):
-                        self._u[i + place * WIDTH] = self._phases[(start[0] + i) * 3 + k]
+                        self._u[i + place * WIDTH] = self._phases[(start[0] + i) * 4 + k]
                 with evenly:
                     for place, ((upper, k), low) in enumerate(zip(phases, lower, strict=True)):
                         self._march(place, k, upper, low, count[0])
@@ -364,6 +372,8 @@ class _Rows:
         step = self._frame[9 + k]
         with self._f.loop(0, count) as i:
             self._u[i + place * WIDTH] = upper[0]
+            if not place:
+                self._low[i] = lower[0]
             lower[0] = lower[0] + step
             upper[0] = upper[0] + (self._frame[6 + k] + lower[0].below(step))
 
@@ -389,7 +399,8 @@ class _Rows:
         """`count` rows: polynomials, turns, the results of the graph, and the store."""
         f, of, room, multiply = self._f, self._of, self._room, self._builder.fmul
         with f.loop(0, count) as i:
-            self._x[i] = multiply((self._u[i] << self._words["places"]).double(), DOUBLE(2.0**-63))
+            coarse = multiply((self._u[i] << self._words["places"]).double(), DOUBLE(2.0**-63))
+            self._x[i] = f.builder.fadd(coarse, multiply((self._low[i] >> 1).double(), self._low_unit))
         for place, at in enumerate(of.turns.values()):
             with f.loop(0, count) as i:
                 phase = self._u[i + (1 + place) * WIDTH]

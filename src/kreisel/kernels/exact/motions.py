@@ -566,7 +566,7 @@ def period_of(p: Any, c: Any, K: Any, shape: Any) -> Any:
 def remainder(E: Any, u: Any, shape: Any, fraction: Any, h: Any) -> Any:
     """In doubles, the count of the maps for the remaining time h, `fraction` of a period, and x0 - x3 and the like.
 
-    Last, 1 where doubles do not do: near the steady motion to which the separatrix tends.
+    Last, 1 where doubles do not do: near the steady motion to which the separatrix tends, and after tiny times.
     """
     y, x3, square, scale = shape
     apart = sqrt(maximum(upper(-u - 0.75 * y * y), 0.0))  # (x2 - x1)/2
@@ -578,4 +578,5 @@ def remainder(E: Any, u: Any, shape: Any, fraction: Any, h: Any) -> Any:
     angle = maximum(abs(fraction) * PI[0] / count, LEAST_ANGLE)
     cotangent = cs(sqrt(d1), sqrt(d2), *cos_sin(angle))
     gap = cotangent * cotangent
-    return count, (gap, d1, d2, bottom + gap), where_less(STEEP * d2, scale, 1.0, 0.0)
+    small = where_less(0.0, abs(fraction), where_less(angle, 2.0 * LEAST_ANGLE, 1.0, 0.0), 0.0)
+    return count, (gap, d1, d2, bottom + gap), small + where_less(STEEP * d2, scale, 1.0, 0.0)
