@@ -137,3 +137,27 @@ def test_a_name_that_is_not_an_argument(tmp_path: Path) -> None:
     body = kr.physical.FreeBody(inertia=(3, 2, 1.5))
     with pytest.raises(kr.InputError, match=r"Usual cause: angular_velocity is not an argument\."):
         kr.sweep(body, {"spin": (0, 0, 1)}, over={"angular_velocity[0]": [0, 1]}, dt=0.1, steps=1, path=tmp_path / "s")
+
+
+def test_a_sweep_over_dates(tmp_path: Path) -> None:
+    """300 days, whose fields differ: labels are the dates, lanes are single runs."""
+    from kreisel.physical import Orbit, Satellite
+
+    def bus(date: str) -> Satellite:
+        return Satellite((0.02, 0.03, 0.04), Orbit.circular("500 km", epoch=date), magnetic_moment=(0.1, 0, 0))
+
+    dates = [str(np.datetime64("2025-01-01 12:00:00") + np.timedelta64(k, "D")).replace("T", " ") for k in range(300)]
+    settings = {"dt": 10.0, "steps": 3, "every": 3}
+    over, path = {"orbit.epoch": dates}, tmp_path / "dates.zarr"
+    run = kr.sweep(
+        bus(dates[0]), {"spin": (0, 0, 0)}, over=over, path=path, workers=0, save=["trajectories"], **settings
+    )
+    assert run["body.orbit.epoch"].values.tolist() == dates
+    flat = kr.open_run(path)["body.orbit.epoch"]
+    words = flat.attrs["flag_meanings"].split()
+    assert [words[i] for i in flat.values] == [date.replace(" ", "_") for date in dates]
+    for lane in (0, 1, 299):
+        body = bus(dates[lane])
+        single = kr.simulate(body, body.state((0, 0, 0)), **settings)
+        assert np.array_equal(run.momentum.isel({"time": -1, "body.orbit.epoch": lane}), single.momentum[-1])
+    assert len(np.unique(run.momentum.isel(time=-1), axis=0)) == 300

@@ -133,9 +133,9 @@ class Store:
             attrs: dict[str, Any] = {"long_name": f"{quantity.name}, as given", "kind": "input", "units": unit}
             encoding: dict[str, Any] = {"dtype": np.dtype("i8"), "fill_value": 0} if example.dtype.kind in "iu" else {}
             if example.dtype.kind == "U":
-                words = sorted(set(self.sweep.lanes.tables[quantity].tolist()))
+                words = sorted({_word(text) for text in self.sweep.lanes.inputs(0, total)[quantity].tolist()})
                 attrs |= {"flag_values": list(range(len(words))), "flag_meanings": " ".join(words)}
-                encoding = {"dtype": np.dtype("u1"), "fill_value": 0}
+                encoding = {"dtype": np.min_scalar_type(len(words)), "fill_value": 0}
             add(quantity.name, example.shape[1:], dims, attrs, **encoding)
         for plan in self._plans:
             for kind in (kind for kind in self.sweep.save if kind in SUMMARIES):
@@ -294,6 +294,11 @@ def compute(folder: str, source: Path | System | None, digest: str, block: int) 
     return {"lanes": stop - first, "memory_MiB": psutil.Process().memory_info().rss / (1 << 20)}
 
 
+def _word(text: str) -> str:
+    """The text as a word of `flag_meanings`, which are separated by spaces."""
+    return "_".join(text.split())
+
+
 def results_of(
     sweep: Sweep, arrays: Mapping[str, Any], lane_axis: Mapping[str, int], first: int, stop: int
 ) -> dict[str, Array]:
@@ -307,7 +312,8 @@ def results_of(
     for quantity, value in sweep.lanes.inputs(first, stop).items():
         if value.dtype.kind == "U":  # words as their indices
             words = arrays[quantity.name].attrs["flag_meanings"].split()
-            value = np.array([words.index(word) for word in value], dtype=np.uint8)
+            places = {word: i for i, word in enumerate(words)}
+            value = np.array([places[_word(text)] for text in value], dtype=arrays[quantity.name].dtype)
         out[quantity.name] = value
     state, messages = np.full(stop - first, COMPUTED, np.uint8), np.zeros((stop - first, MESSAGE_BYTES), np.uint8)
     for lane, why in faults.items():
