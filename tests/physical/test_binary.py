@@ -229,6 +229,10 @@ def test_an_ensemble_has_shapes_of_its_own() -> None:
         alone = kr.simulate(pair, start, dt="1 h", steps=60, every=20)
         assert np.array_equal(run.position.values[:, i], alone.position.values)
         assert np.array_equal(run.attitude_2.values[:, i], alone.attitude_2.values)
+        spin = np.linalg.norm(pair.spins(run.sel(lane=i))[1][0])
+        assert spin == pytest.approx(np.linalg.norm(np.cross(start.r, start.v)) / (start.r @ start.r))  # of the orbit
+        with pytest.raises(kr.InputError, match="another moments2"):
+            pair.spins(run)
 
 
 # -- what is published, and what cannot be ------------------------------------------------------------

@@ -31,7 +31,7 @@ from kreisel.physical.measures import (
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SUN, Orbit, Primary
 from kreisel.physical.shapes import solid
 from kreisel.record.model import Model, State
-from kreisel.runs.geometry import orbit_frame, tait_bryan
+from kreisel.runs.geometry import orbit_frame, require_of_body, tait_bryan
 from kreisel.runs.in_si import in_state_form
 
 if TYPE_CHECKING:
@@ -464,7 +464,8 @@ class Binary(Varied):
 
     def spins(self, run: xr.Dataset) -> tuple[Array, ...]:
         """Angular velocities of the bodies along their axes, rad/s, (..., 3), at each row of a run."""
-        run, moments = _of_binary(run), self.model().params
+        run, moments = _of_binary(run), {k: v for k, v in self.model().params.items() if k.startswith("moments")}
+        require_of_body(run, moments)
         return tuple(
             algebra.act(algebra.rotation_matrix(run[f"q{i}"].values).mT, run[f"L{i}"].values) / moments[f"moments{i}"]
             for i in "123"
