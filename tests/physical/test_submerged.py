@@ -81,6 +81,8 @@ def test_a_current_carries_the_body() -> None:
     assert abs(first.P.values - second.P.values).max() < 1e-12
     moved = carried.course(second).position - still.course(first).position
     assert abs(moved - current * first.time.values[:, None]).max() < 1e-12
+    with pytest.raises(kr.InputError, match="another current"):
+        still.course(second)
 
 
 def test_terminal_speed() -> None:

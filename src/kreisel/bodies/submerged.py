@@ -113,6 +113,7 @@ PARAMETERS = (
     Parameter("buoyancy", "scalar", "weight of the fluid displaced, N", check_force, 0.0),
     Parameter("center_of_mass", "vector", "from O, m", default=np.zeros(3)),
     Parameter("center_of_buoyancy", "vector", "from O, m", default=np.zeros(3)),
+    Parameter("current", "vector", "of the fluid in space, m/s: the motion is relative to it", default=np.zeros(3)),
     Parameter("linear_drag", "array", "N s/m three times, N m s three times", check_drag, np.zeros(6), rank=1),
     Parameter("quadratic_drag", "array", "N s^2/m^2 three times, N m s^2 three times", check_drag, np.zeros(6), rank=1),
 )

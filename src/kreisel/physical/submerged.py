@@ -226,6 +226,7 @@ class SubmergedBody(Forced):
             buoyancy=self.displaced_mass * self.gravity,
             center_of_mass=self.center_of_mass,
             center_of_buoyancy=self.center_of_buoyancy,
+            current=self.current,
             linear_drag=self.linear_drag,
             quadratic_drag=self.quadratic_drag,
         )
@@ -263,7 +264,7 @@ class SubmergedBody(Forced):
 
         run, (turn, shift) = in_state_form(run), self._place
         g = algebra.rotation_matrix(orientation_of(run)) @ turn.T  # of the body axes
-        require_of_body(run, {"mass_matrix": self.mass_matrix})
+        require_of_body(run, {"mass_matrix": self.mass_matrix, "current": self.current})
         arm = algebra.act(g, shift)
         time = np.asarray(run.time).reshape(-1, *[1] * (arm.ndim - 1))
         places = path(run, self.model() if self.forced_by else None).values
