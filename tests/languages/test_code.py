@@ -342,6 +342,19 @@ int main(void) {
 """
 
 
+@pytest.mark.parametrize("name", BODIES)
+def test_the_earth_the_sun_and_dust_are_bodies(name: str) -> None:
+    """Values of an example, some with the mass of the Sun; moments in kg m^2 of a grain, of the Earth, and of none."""
+    case, file = examples.example(BODIES[name], 3), dict[str, Any]()
+    asked = {"dt": case.dt, "orientation": case.orientation, "language": "python"}
+    exec(kr.code(case.model, case.model.state(**case.state), **asked), file)
+    values = [k for k in file if k.startswith("default_") and "_start_" not in k]
+    assert not values or file["check"](**{k[8:]: file[k] for k in values}) == 0
+    exec(kr.code(BODY, dt=DT, language="python"), file)
+    unit = np.array([8.0094, 8.0096, 8.0359])
+    assert [file["check"]([*(unit * scale)], 60.0) for scale in (1e-30, 1e37, 1e200)] == [0, 0, 1]
+
+
 def test_impossible_bodies_are_refused_and_two_fit_in_one_program(tmp_path: Path) -> None:
     ball = kr.EulerTop(J=(1.0, 1.0, 1.0))
     for name, body in (("rock", BODY), ("ball", ball)):

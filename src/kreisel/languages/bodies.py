@@ -87,18 +87,18 @@ def principal_axes(T: Sequence[Any], tiny: float = rotor_step.TINY) -> dict[str,
     return {"I": algebra.objects(x[:3]), "axes": algebra.unit(algebra.objects(x[6:]))}
 
 
-def check(dt: Any, pairs: Iterable[tuple[Any, Any]]) -> Any:
+def check(dt: Any, pairs: Iterable[tuple[Any, Any]], huge: float) -> Any:
     """The status: 2 unless dt is allowed, 1 unless each pair ascends, else 0; NaN fails each comparison."""
-    status = where_less(0.0, dt * dt, where_less(dt * dt, HUGE, 0.0, 2.0), 2.0)
+    status = where_less(0.0, dt * dt, where_less(dt * dt, huge, 0.0, 2.0), 2.0)
     for low, high in pairs:
         status = where_less(low, high, status, 1.0)
     return status
 
 
-def check_moments(I: Array, dt: Any, most: float = CLOSE) -> Any:  # noqa: E741
+def check_moments(I: Array, dt: Any, most: float = CLOSE, huge: float = HUGE[False]) -> Any:  # noqa: E741
     """The status of moments: 0 < I_i < most (I_j + I_k), and finite."""
     sums = most * (I[SECOND] + I[THIRD])
-    return check(dt, [*zip(I, sums, strict=True), *((0.0, x) for x in I), *((x, HUGE) for x in I)])
+    return check(dt, [*zip(I, sums, strict=True), *((0.0, x) for x in I), *((x, huge) for x in I)], huge)
 
 
 def hold(c: Values, s: Values, near: float = rotor_step.NEAR, tiny: float = rotor_step.TINY) -> dict[str, Any]:
@@ -156,7 +156,7 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool 
         },
         start={"M": np.asarray(M), "g": np.array([1.0, 0, 0, 0]) if g is None else np.asarray(g)},
         functions=[
-            Function("check", check_moments, arguments, "status"),
+            Function("check", partial(check_moments, huge=HUGE[single]), arguments, "status"),
             Function(
                 "prepare",
                 lambda dt, **of: {f"c.{k}": v for k, v in (rotor_step.constants(**of) | {"h": dt}).items()},

@@ -89,6 +89,7 @@ class Stepped:
         self.model, self.fixed, self.plan = plan.model, plan.scheme, plan
         self.by_moments = self.model.system.name == "euler-top" and self.model.n == 3
         self.stages = self.fixed.stage_count
+        self.huge = HUGE[single]
         self.held = single and self.by_moments and self.stages == 1
         self.restores = single and self.model.n == 3 and ORIENTATION in dict(self.fixed.components)
         self.letters = [name for name, o in self.fixed.outcomes.items() if o.kind in ("state", "orientation")]
@@ -178,10 +179,11 @@ class Stepped:
     def check(self, dt: Any, **parameters: Any) -> Any:
         """The status: 0, or the place of a message."""
         if self.by_moments:
-            return check_moments(parameters["I"], dt, most=1.0)
+            return check_moments(parameters["I"], dt, most=1.0, huge=self.huge)
         positive = {LABELS.get(p.letter, p.letter) for p in self.model.system.parameters if p.positive}
         entries = [(x, name in positive) for name, value in parameters.items() for x in np.ravel(value)]
-        return check(dt, [pair for x, above in entries for pair in [(0.0, x)] * above + [(abs(x), HUGE)]])
+        pairs = [pair for x, above in entries for pair in [(0.0, x)] * above + [(abs(x), self.huge)]]
+        return check(dt, pairs, self.huge)
 
     def _constants(self, c: Values, stage: bool = False) -> dict[str, Any]:
         stages = self.variable.stages

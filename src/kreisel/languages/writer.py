@@ -234,7 +234,7 @@ class Block:
         return variables
 
 
-HUGE = 1e30
+HUGE = {False: 1e75, True: 1e30}  # of parameters, by whether in 32 bits: the fourth power of 1e75 is finite
 READ = {"c": ("read constants", 0), "s": ("read state", 0)}
 NEW, CHANGED = {"c": ("written constants", 0)}, READ | {"s": ("written state", 0)}
 

@@ -259,11 +259,12 @@ def _of_baecklund(model: Model, scheme: Scheme) -> Callable[[Parts, Known, Any],
         lane.constants = {**model.constants, **arrays}
         by_kernel = partial(points_of, replace(scheme, constants={**scheme.constants, **arrays}))
         try:
-            maps = Product(lane, float(dt), order, False)
+            maps = Product(lane, abs(float(dt)), order, False)
             constants, stages = maps.trajectory(tuple(map(np.asarray, state)), by_kernel)
         except InputError:
             return np.full(2 * points, np.nan)
         rho = np.append(stages["rho_re"] + 1j * stages["rho_im"] if pairs else (), constants.get("rho", ()))
+        rho = rho * unit.record.odd if dt < 0 else rho  # at -mu
         return np.concatenate([rho.real, rho.imag])
 
     def at(state: Parts, parameters: Known, dt: Any) -> tuple[Known, Known]:
