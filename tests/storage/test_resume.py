@@ -20,6 +20,7 @@ import pytest
 import scipy.linalg
 
 import kreisel as kr
+from kreisel import cli
 from kreisel.bodies import BODIES
 from kreisel.lab import exact
 from kreisel.process import Lock
@@ -241,6 +242,30 @@ def test_rows_of_an_interrupted_run_are_read_when_asked_for(
         np.testing.assert_array_equal(part.energy.values, same.energy.values)
     np.testing.assert_array_equal(kept.a[1::2, 2].values, whole.a[1:rows:2, 2].values)
     assert not kept.a.variable._in_memory
+
+
+@pytest.mark.parametrize("command", [False, True])
+def test_a_stopped_run_of_a_body_is_resumed(command: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By `kr.resume(path)` and by `kreisel resume`, in SI units, also if it began later."""
+    body = kr.physical.FreeBody((0.03, 0.028, 0.012))
+    start = body.state((0.1, 0.2, -0.15))
+    for t_start in (0.0, 40.0):
+        paths = [tmp_path / f"{name}{t_start}.zarr" for name in ("run", "whole")]
+        options = {**OPTIONS, "t_start": t_start}
+        with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM"):
+            patch.setattr(integration.Integration, "_call", call_of_a_row)
+            stop_after(34, patch)
+            slow_run(paths[0], body, start, options)
+        assert kr.open_run(f"{paths[0]}.part").sizes["time"] > 1
+        if command:
+            monkeypatch.setattr(sys, "argv", ["kreisel", "resume", str(paths[0])])
+            with pytest.raises(SystemExit) as end:
+                cli.main()
+            assert not end.value.code
+        else:
+            kr.resume(paths[0], progress=False)
+        slow_run(paths[1], body, start, options)
+        assert contents(paths[0]) == contents(paths[1])
 
 
 @pytest.mark.parametrize("method", ["suris", "variational", "dop853"])

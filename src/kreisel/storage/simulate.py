@@ -164,7 +164,8 @@ def resume(
         if frame.names:
             end, events = extend, scaled_events(frame, events)
             extend = steps_in(frame, end, record.dt, "extend")
-            extend -= 0 if extend is end else round((record.t_start or 0.0) / record.dt)
+            if extend is not end:  # a time
+                extend -= round((record.t_start or 0.0) / record.dt)
         archive, integration = reopen(where, None if extend is None else within(extend, "extend"), model, events)
         return presented(watched(_write(archive, integration, progress)), integration.plan.model)
 
