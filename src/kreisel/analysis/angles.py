@@ -308,9 +308,10 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     system   the model, for a user-defined system
     start    x at the first row, (n,) or (lane, n); default: 0
 
-    For bodies in a fluid (Kirchhoff's equations), whose P is their momentum; the run requires an orientation.  From row
-    to row the flow itself carries x with the state, to round-off, by extrapolation of order 16 in steps that suit each
-    row; the final state is compared with the next row.  Without other forces the momenta in space
+    For bodies in a fluid (Kirchhoff's equations), whose P is their momentum, in the frame of the fluid; the run
+    requires an orientation.  From row to row the flow itself carries x with the state, to round-off, by extrapolation
+    of order 16 in steps that suit each row; the final state is compared with the next row.  Without other forces the
+    momenta in space
     p = g P and g M g^T - x ^ p are constant: they give the part of x across p without a summation.
     In the unit of length of P U = energy.  Raises `InputError` for other systems, without an orientation, and if the
     flow does not lead from a row to the next.
