@@ -217,3 +217,25 @@ def test_mutants_are_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "_writers", name.encode)  # no kernel of the formulas as they are
     forget()
     assert max(map(off, jumped(top, state, TIMES)[0][:, 0], want)) > 10 * RIGHT
+
+
+def rows_of(
+    m: np.ndarray, b: np.ndarray, p: np.ndarray, first: int, every: int, patch: pytest.MonkeyPatch
+) -> np.ndarray:
+    """The rows of a run of tops of which the first rows are jumps."""
+    with patch.context() as few:
+        few.setattr(engine.jumps, "FEW", first)
+        run = kr.simulate(kr.LagrangeTop(p=p), {"m": m, "a": b}, dt=0.3, steps=40, every=every, method="exact")
+    return np.concatenate([run.m.values, run.a.values], -1)
+
+
+def test_first_rows_of_a_run_are_jumps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of tops without orientation; the same numbers as by parts, and the same bits for any lanes and rows."""
+    m, b, p = (v[:6] for v in wide_tops(6))
+    by_jumps, by_parts, both = (rows_of(m, b, p, first, 1, monkeypatch) for first in (40, 0, 15))
+    size = abs(by_parts).max(0)
+    assert (abs(by_jumps - by_parts) / size).max() < 30 * RIGHT and (by_jumps != by_parts).any()
+    assert (both[:16] == by_jumps[:16]).all() and (both[16:] == by_parts[16:]).all()
+    assert (rows_of(m, b, p, 40, 4, monkeypatch) == by_jumps[::4]).all()
+    for lane in range(6):
+        assert (rows_of(m[lane], b[lane], p[lane], 40, 1, monkeypatch) == by_jumps[:, lane]).all()

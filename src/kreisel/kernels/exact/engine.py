@@ -24,7 +24,7 @@ from kreisel.graph.recording import recorded_function
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps, jumps_of
 from kreisel.kernels.layout import LANES, Floats, Look, no_look, on_threads
-from kreisel.method.scheme import Scheme, Spin
+from kreisel.method.scheme import ORIENTATION, Scheme, Spin
 from kreisel.record.contract import Orbit, States
 
 AT_ONCE = 4096  # times that a function is asked for
@@ -52,8 +52,9 @@ def dyadic(times: Floats) -> tuple[Array, Array]:
 class ClosedForm:
     """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|.
 
-    The first `jumps.ROWS` rows of a free body, one in `every` steps, are jumps, each with a separate set-up; all others
-    share one in many digits, and so do those that need it.  Or at any times, a few of which are jumps.
+    The first rows, one in `every` steps, are jumps, each with a separate set-up: `jumps.ROWS` of a free body and
+    `jumps.FEW` of a top without orientation.  All others share one in many digits, and so do those that need it.  Or
+    at any times, a few of which are jumps.
     """
 
     projection = None
@@ -63,9 +64,15 @@ class ClosedForm:
             raise TypeError(f"the scheme {scheme.name} states no orbit")
         self.z, self._orbits = np.array(z0, dtype=np.float64), scheme.orbits
         self._scheme, self._start, self._reach, self._unit = scheme, self.z.copy(), reach, dt
-        self._done, self._jumped = 0, jumps.ROWS * every if isinstance(self._orbits.jump, Spin) else 0
+        self._done, self._jumped = 0, self._count_of_jumps() * every
         self._rows_of_lanes: dict[int, OrbitRows | Samples] = {}
         self._compiled: tuple[list[int], Kernel] | None = None
+
+    def _count_of_jumps(self) -> int:
+        """Of rows; none of an oriented top: the signs of their quaternions are not those of the continuous motion."""
+        if isinstance(self._orbits.jump, Spin):
+            return jumps.ROWS
+        return 0 if self._orbits.jump is None or ORIENTATION in dict(self._scheme.components) else jumps.FEW
 
     @cached_property
     def _dyadic(self) -> tuple[int, int]:
