@@ -217,6 +217,18 @@ def test_tides_move_the_orbit_as_hut_says() -> None:
     assert np.allclose(drift, 1, atol=0.02)
 
 
+def test_a_synchronous_moon_is_heated_as_peale_says() -> None:
+    """(21/2) (k_2/Q) G M^2 R^5 n e^2/a^6 for the lag 1/(Q n).  [Peale, Cassen, Reynolds, Science 203 (1979) 892]"""
+    M, m, R, a, e, love, Q = 5e11, 4e9, 80.0, 2000.0, 0.01, 0.02, 50.0
+    n = math.sqrt(G * (M + m) / a**3)
+    moon = GravityBody(m, (0.4 * m * R**2,) * 3, size=R, love=love, lag=1 / (Q * n))
+    pair = Binary(GravityBody(M, (0.4 * M * 200.0**2,) * 3, size=200.0), moon)
+    x0 = pair.state(semi_major_axis=a, eccentricity=e, spin2=(0, 0, n * (1 + 6 * e**2)))
+    run = kr.simulate(pair, x0, dt=2 * np.pi / n / 60, steps=3000, every=60)
+    heat = -np.polyfit(run.time.values, run.work.values, 1)[0]
+    assert heat == pytest.approx(10.5 * love / Q * G * M**2 * R**5 * n * e**2 / a**6, rel=0.01, abs=0)
+
+
 def test_an_ensemble_has_shapes_of_its_own() -> None:
     """Lanes of other shapes, one of them on an orbit that the closed form of short steps does not settle."""
     pairs = [Binary.didymos(diameters=(177.0 * k, 174.0, 116.0)) for k in (1.0, 1.2)]

@@ -56,7 +56,7 @@ class GravityBody:
     degree_4  (9,), mass times R^4 (C_40, C_41, S_41, ... S_44), kg m^4
     size      the largest distance of its surface from the centre of mass, m
     love      its Love number k_2 for a sphere of that size; 0 for no tides
-    lag       the time by which its tides lag, s: 1/(2 Q n) for a dissipation factor Q at the mean motion n
+    lag       the time by which its tides lag, s: 1/(Q n) for a dissipation factor Q of tides of the frequency n
 
     `ellipsoid`, `mesh` and `points` compute the integrals.  Raises `InputError` for values that no body has.
     """
