@@ -6,9 +6,7 @@ import argparse
 import time
 
 import numpy as np
-from cases import cases
-
-from kreisel.runs.planning import make_plan
+from cases import cases, steps_of
 
 TIMED = (2, 4, 8, 12, 16)
 
@@ -20,20 +18,10 @@ def speed(steps: int = 200_000, turns: int = 7) -> None:
             continue
         state, columns = next(iter(case.states.values())), []
         for order in TIMED:
-            plan = make_plan(
-                case.model,
-                case.model.state(**state),
-                dt=0.05,
-                steps=1,
-                every=1,
-                method="baecklund",
-                order=order,
-                orientation=None,
-            )
-            out, best = np.empty((1, *plan.engine.z.shape)), np.inf
+            after, best = steps_of(case.model, state, dt=0.05, method="baecklund", order=order), np.inf
             for _ in range(turns):
                 begun = time.perf_counter()
-                plan.engine.advance(out, steps)
+                after(steps)
                 best = min(best, time.perf_counter() - begun)
             columns.append(f"{order}: {best / steps * 1e9:.0f}")
         print(f"{case.name:<21}ns a step by order  {'  '.join(columns)}", flush=True)

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import kreisel as kr
 from kreisel.bench import SEEDS, BenchCase, cases, machine, unit
 
 RESULTS = Path(__file__).parent / "results"
 
-__all__ = ["RESULTS", "SEEDS", "BenchCase", "cases", "machine", "parser", "unit", "write"]
+__all__ = ["RESULTS", "SEEDS", "BenchCase", "cases", "machine", "parser", "steps_of", "unit", "write"]
+
+
+def steps_of(model: Any, state: Mapping[str, Any], **options: Any) -> Callable[[int], Any]:
+    """The state after a number of steps, as a user calls it: `steps` of a `kr.propagator` with these options."""
+    propagator, start = kr.propagator(model, **options), model.state(**state)
+    return lambda steps: propagator.steps(start, steps)
 
 
 def parser(doc: str | None, name: str) -> argparse.ArgumentParser:

@@ -107,10 +107,12 @@ def cost(draw: np.random.Generator) -> dict[str, float]:
     found["kr.propagator, a state at a time, us"] = 1e6 * timed(lambda: one.at(M[0], 3.1), 2000)
     found["a lane of 4096, us"] = 1e6 * timed(lambda: many.at(M, 3.1), 5) / len(J)
     for name, oriented in (("row, ns", False), ("row with orientation, ns", True)):
-        form, rows = engine_of(J[0], M[0], 1e9, 0.1, oriented).ready(), np.empty((100_000, 1, 7 if oriented else 3))
-        found[name] = 1e9 * timed(lambda form=form, rows=rows: form.advance(rows, 1), 3) / len(rows)
-    rows = np.empty((1000, 1, 7))
-    found["1000 rows and their set-up, s"] = timed(lambda: engine_of(J[0], M[0], 1e3, 0.1).advance(rows, 1), 3)
+        p, x = (
+            kr.propagator(kr.EulerTop(J=J[0]), method="exact", dt=0.1, orientation=oriented),
+            [*M[0], *[1, 0, 0, 0] * oriented],
+        )
+        found[name] = 1e9 * timed(lambda p=p, x=x: p.steps(x, 100_000, 1), 3) / 100_000
+    found["1000 rows and their set-up, s"] = timed(lambda: p.steps(x, 1000, 1), 3)
     found = {name: float(f"{value:.3g}") for name, value in found.items()}
     print(found, flush=True)
     return found

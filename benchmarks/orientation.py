@@ -14,7 +14,6 @@ from cases import unit
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.runs.planning import make_plan
 
 ORDER, STEPS = 12, (0.5, 0.4)
 
@@ -33,13 +32,10 @@ def body(name: str, n: int) -> tuple[Any, dict[str, np.ndarray]]:
 
 def end(model: Any, state: dict[str, np.ndarray], dt: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """The state and the rotation matrix after n steps."""
-    options = {"method": "baecklund", "order": ORDER, "orientation": np.eye(model.n)}
-    plan = make_plan(model, model.state(**state), dt=dt, steps=steps, every=steps, **options)
-    out = np.empty((1, *plan.engine.z.shape))
-    plan.engine.advance(out, steps)
-    seen = plan.observe(out)
-    g = algebra.rotation_matrix(seen["g"][0]) if model.n == 3 else seen["g"][0]
-    return np.concatenate([seen[k].ravel() for k in state]), g
+    options = {"method": "baecklund", "order": ORDER, "orientation": np.eye(model.n), "progress": False}
+    run = kr.simulate(model, state, dt=dt, steps=steps, every=steps, observe=[], **options)
+    g = run.g.values[-1]
+    return np.concatenate([run[k].values[-1].ravel() for k in state]), algebra.rotation_matrix(g) if model.n == 3 else g
 
 
 def main() -> None:

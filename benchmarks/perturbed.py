@@ -322,7 +322,7 @@ def costs(only: list[str], steps: int = 20_000, repetitions: int = 7) -> dict[st
         state = {k: v for k, v in problem.start.items() if k != "g"}
         asked = {"dt": dt, "steps": steps, "order": ALONE, "method": "splitting", "project": False}
         plan = make_plan(problem.body, state, orientation=problem.start.get("g"), **asked)
-        body, whole = Splitting(problem.body, dt, ALONE, oriented), plan.scheme
+        body, whole = Splitting(problem.body, dt, ALONE, oriented, all_turns=False), plan.scheme
         motions = {
             "step": whole.motion,
             "motions": Steps(body.drift, body.close),

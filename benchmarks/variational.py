@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cases import RESULTS, machine
+from cases import RESULTS, machine, steps_of
 
 import kreisel as kr
-from kreisel.runs.planning import make_plan
 
 DT, STEPS, TURNS = 0.05, 1_000_000, 9
 AXIS = (0.3, -0.2, 0.9)
@@ -29,23 +28,20 @@ def kernels() -> dict[str, Any]:
     heavy = kr.HeavyTop(J=(0.3, 0.5, 0.9), A=AXIS)
     chosen = {"lagrange-top-moving, suris": (lagrange, "suris", 1)}
     chosen |= {f"heavy-top, variational, order {order}": (heavy, "variational", order) for order in (2, 4, 6, 8)}
-    return {name: _engine(*choice) for name, choice in chosen.items()}
-
-
-def _engine(model: Any, method: str, order: int) -> Any:
-    return make_plan(
-        model, model.state(**START), dt=DT, steps=1, every=1, method=method, order=order, orientation=None
-    ).engine
+    return {
+        name: steps_of(model, START, dt=DT, method=method, order=order)
+        for name, (model, method, order) in chosen.items()
+    }
 
 
 def measure(steps: int = STEPS, turns: int = TURNS) -> dict[str, Any]:
     """Everything, as written to results/variational.json."""
-    engines = kernels()
-    ns: dict[str, list[float]] = {name: [] for name in engines}
+    methods = kernels()
+    ns: dict[str, list[float]] = {name: [] for name in methods}
     for turn in range(turns + 1):  # the first is not counted
-        for name, engine in engines.items():
+        for name, after in methods.items():
             begun = time.perf_counter()
-            engine.advance(np.empty((1, *engine.z.shape)), steps)
+            after(steps)
             if turn:
                 ns[name].append((time.perf_counter() - begun) / steps * 1e9)
     of_map = np.array(next(iter(ns.values())))
