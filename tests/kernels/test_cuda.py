@@ -195,7 +195,8 @@ def test_what_the_assembler_refuses_fails(tmp_path: Path) -> None:
 def test_a_loop_and_a_projection_as_ptx(tmp_path: Path) -> None:
     check_assembled(ptx(gpu.ARGUMENTS, body_of(kr.Clebsch(b=(0.3, 0.7, 1.9)), "variational"), "80"), tmp_path)
     tables = 17
-    check_assembled(ptx(tables, gpu.projection_of_a_lane(False), "80"), tmp_path)
+    for form in ((False, ()), (False, ((0, 3), (3, 6)))):
+        check_assembled(ptx(tables, gpu.projection_of_a_lane(form), "80"), tmp_path)
 
 
 def test_functions_of_nvidia_are_linked(tmp_path: Path) -> None:
