@@ -114,3 +114,42 @@ def test_derivatives_pass_through_a_memory_of_one_value() -> None:
         assert float(slope(PUSH)) == pytest.approx(5, rel=1e-12)
     with pytest.raises(kr.InputError, match=r"^momentum: expected a vector, got one value"):
         motion({"momentum": 1.0, "count": 0.0, "commanded_impulse": np.zeros(3)}, dt=0.25, steps=4)
+
+
+def test_crossings_between_samples_are_under_the_commands_held_there() -> None:
+    """The torque T_k of the sample k is constant until the next: the momentum is a polygon."""
+    torques = 0.1 * (1 + 0.05 * np.arange(20))
+    sums = np.append(0, np.cumsum(torques))
+    law = kr.Control(lambda time: {"torque": np.array([0, 1, 0]) * 0.1 * (1 + 0.05 * time)}, every="1 s")
+    body = FreeBody((1, 1, 1), control=law)
+    fine, coarse = (
+        kr.simulate(body, body.state((0, 0, 0)), dt=0.25, t_end=20.0, every=n, progress=False) for n in (1, 4)
+    )
+    for value in (0.05, 1.0, 1.7):
+        k = np.searchsorted(sums, value) - 1
+        for run in (fine, coarse):
+            cut = kr.analysis.events(run, lambda momentum, torque, value=value: momentum[..., 1] - value, system=body)
+            assert cut.time.values == pytest.approx([k + (value - sums[k]) / torques[k]], rel=1e-11)
+            assert cut.commanded_torque.values[0, 1] == pytest.approx(torques[k], rel=1e-14)
+    with pytest.raises(kr.InputError, match="expected a row at each sample, every 1 s"):
+        kr.analysis.events(
+            fine[{"time": slice(None, None, 8)}], lambda momentum, torque: momentum[..., 1] - 1, system=body
+        )
+
+
+def test_the_path_of_a_controlled_body_is_that_under_the_same_torque() -> None:
+    from kreisel.physical import SubmergedBody
+
+    push, water = (
+        np.array([1e-3, 2e-3, -1e-3]),
+        {"mass": 2.0, "inertia": (0.01, 0.02, 0.03), "added_mass": (1, 2, 3, 0, 0, 0)},
+    )
+    steady = SubmergedBody(**water, torque=lambda t: push + 0 * t)
+    held = SubmergedBody(**water, control=kr.Control(lambda time: {"torque": push + 0 * time}, every="1 s"))
+    paths = []
+    for body in (steady, held):
+        start = body.state(velocity=(0.3, 0.1, 0), angular_velocity=(0.1, 0.2, 0.3))
+        run = kr.simulate(body, start, dt=0.25, t_end=10.0, every=4, order=4, progress=False)
+        paths.append(kr.analysis.path(run, body).values)
+    np.testing.assert_allclose(paths[1], paths[0], rtol=0, atol=1e-5)
+    assert np.linalg.norm(paths[0][-1]) > 1

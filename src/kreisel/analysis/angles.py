@@ -12,7 +12,7 @@ import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array, act, axial, dot
-from kreisel.analysis.events import Carrier, events, parts_of
+from kreisel.analysis.events import Carrier, after_samples, events, parts_of
 from kreisel.analysis.quantities import rows_of
 from kreisel.errors import InputError, explained, shown
 from kreisel.method.scheme import ORIENTATION
@@ -330,8 +330,9 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     for first in range(0, len(h), ROWS_AT_ONCE):
         piece = slice(first, min(first + ROWS_AT_ONCE, len(h)))
         carry = Carrier(model, np.arange(len(h))[piece] % lanes, oriented=True, moving=True)
-        state = (np.zeros((len(h[piece]), model.n)), *(v[piece] for v in begin))
-        x[lanes:][piece] = carry(state, h[piece], tuple(v[piece] for v in following))[0]
+        left, right = (tuple(v[piece] for v in ends) for ends in (begin, following))
+        state = (np.zeros((len(h[piece]), model.n)), *after_samples(model, left, right))
+        x[lanes:][piece] = carry(state, h[piece], right)[0]
     x = np.cumsum(x.reshape(count, lanes, model.n), 0)
     if model.system.perturbation is None:
         x = _by_momenta(rows[:3], x)

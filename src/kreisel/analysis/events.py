@@ -18,6 +18,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.analysis.quantities import Quantity, label, of_state, series
 from kreisel.errors import InputError, explained
+from kreisel.forces.kicks import WHEELS
 from kreisel.graph.recording import flat_constants
 from kreisel.kernels.cpu import compiled_step
 from kreisel.kernels.layout import Floats
@@ -30,6 +31,7 @@ from kreisel.runs.in_si import in_si, in_state_form, is_in_si, state_quantity
 from kreisel.runs.settings import finite_number, flag, within
 
 NODES = 12  # of the polynomial that finds a crossing
+NEAR_SAMPLE = 1e-6  # of the time between two samples
 NUDGE = 1e-5  # of an interval, for its slope
 NEAR = 1e-11  # after the first correction, to the size of the values: the second then reaches round-off
 
@@ -112,6 +114,28 @@ def parts_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...
     return parts
 
 
+def after_samples(model: Model, start: tuple[Array, ...], following: tuple[Array, ...]) -> tuple[Array, ...]:
+    """States of rows, with the commands and the memory of a controller that the next rows show: held until there.
+
+    Raises `InputError` if there are samples between the rows, or impulses.
+    """
+    record = model.system.perturbation
+    control = None if record is None else record.control
+    if record is None or control is None or control.law is None:
+        return start
+    first, last = (times[-1] / control.every for times in (start, following))
+    if "impulse" in control.commands or (np.floor(first + NEAR_SAMPLE) + 1 < last - NEAR_SAMPLE).any():
+        raise InputError(
+            f"{model.system.name}: expected a row at each sample, every {control.every * control.time:g} s, of a "
+            "controller without impulses: the flow is known from one to the next only. Save more often (every), or "
+            "find events in the run, kr.simulate(..., events=kr.Event(...))."
+        )
+    moving = {*record.base.space.letters, WHEELS}
+    letters = model.system.space.letters
+    held = [y if letter not in moving else x for letter, x, y in zip(letters, start, following, strict=False)]
+    return (*held, *start[len(letters) :])
+
+
 def _located(
     model: Model,
     rows: tuple[Array, ...],
@@ -126,6 +150,7 @@ def _located(
 
     def carry(h: Array, at: Any, to_next: bool = False) -> tuple[Array, ...]:
         start, following = (tuple(v[row[at], lane[at]] for v in rows) for row in (place, place + 1))
+        start = after_samples(model, start, following)
         return Carrier(model, lane[at], oriented=oriented)(start, np.asarray(h), following if to_next else None)
 
     def off(h: Array, at: Any) -> Array:
