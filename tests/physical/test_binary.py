@@ -229,6 +229,18 @@ def test_a_synchronous_moon_is_heated_as_peale_says() -> None:
     assert heat == pytest.approx(10.5 * love / Q * G * M**2 * R**5 * n * e**2 / a**6, rel=0.01, abs=0)
 
 
+def test_a_run_warns_of_bodies_that_touch() -> None:
+    """A third body that flies along a line hits the first, in one lane of two; an event stops before."""
+    pair = Binary.didymos()
+    hits, passes = (replace(pair, third=ThirdBody(1e3, (-2e4, y, 0), (2.0, 0, 0))) for y in (200.0, 2000.0))
+    many = Ensemble([passes, hits])
+    with pytest.warns(kr.AccuracyWarning, match="expected bodies apart, got rows at 0.[0-9]+ of the distance"):
+        kr.simulate(many, many.state(), dt="5 min", t_end="5 h")
+    kr.simulate(passes, passes.state(), dt="5 min", t_end="5 h")
+    contact = kr.Event(lambda x: x["third_position"] @ x["third_position"] - 500.0**2, rising=False)
+    assert kr.simulate(hits, hits.state(), dt="5 min", t_end="5 h", events=contact).attrs["stopped"] > 9000
+
+
 def test_an_ensemble_has_shapes_of_its_own() -> None:
     """Lanes of other shapes, one of them on an orbit that the closed form of short steps does not settle."""
     pairs = [Binary.didymos(diameters=(177.0 * k, 174.0, 116.0)) for k in (1.0, 1.2)]

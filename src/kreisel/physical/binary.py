@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
@@ -42,6 +42,7 @@ formulas = cast("Any", formulas_of_pairs)  # of a page, without types
 expansion = cast("Any", satellite)  # of a page, without types
 WEIGHTS = {l: [(2 - (m == 0)) * math.factorial(l - m) / math.factorial(l + m) for m in range(l + 1)] for l in (3, 4)}  # noqa: E741
 DENSEST = 22_600.0  # kg/m^3, osmium
+CONTACT, TINY = 1e-6, 1e-300  # relative, of bodies that an event stopped there; instead of a size of 0
 NODES = 4  # of Gauss's rules: exact for polynomials of degree 7
 
 
@@ -394,6 +395,22 @@ class Binary(Varied):
                 f"state: expected bodies apart, {touch:g} m or more between their centres, got a pericentre of "
                 f"{least:g} m: they touch. Usual cause: a diameter for a radius, or km for m."
             )
+
+    @staticmethod
+    def _doubts_of(bodies: Sequence[Any], run: Any) -> Sequence[str]:
+        sizes = np.array([[pair.primary.size, pair.secondary.size] for pair in bodies]).T + TINY
+        share = np.array([[pair.secondary.mass / (pair.primary.mass + pair.secondary.mass)] for pair in bodies])
+        r = run["position"].values
+        gaps = [np.linalg.norm(r, axis=-1) / sizes.sum(0)]
+        if "third_position" in run:
+            places = run["third_position"].values + np.stack([share * r, (share - 1) * r])
+            gaps += [np.linalg.norm(x, axis=-1) / size for x, size in zip(places, sizes, strict=True)]
+        if not (least := min(gap.min() for gap in gaps)) < 1 - CONTACT:
+            return ()
+        return (
+            f"expected bodies apart, got rows at {least:.3g} of the distance at which they touch; the motion then "
+            "has no meaning. Usual cause: a third body or an event. Stop the run at the contact by an event.",
+        )
 
     # -- ready pairs ---------------------------------------------------------------------------------------
 

@@ -58,6 +58,11 @@ class Body:
         """Sentences on models of the body that do not hold for so long."""
         return ()
 
+    @staticmethod
+    def _doubts_of(bodies: Sequence[Any], run: Any) -> Sequence[str]:
+        """Sentences on rows of a run of these bodies, its lanes, for which their model does not hold."""
+        return ()
+
     def model(self) -> Model:
         """The scaled system, with the axes and units of the body."""
         raise NotImplementedError

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, Stopped, explained
+from kreisel.errors import AccuracyWarning, InputError, Stopped, doubt, explained
 from kreisel.files import stands
 from kreisel.process import Progress, signals_wait
 from kreisel.record.body import Body, model_of
@@ -92,7 +92,15 @@ def simulate(
         plan, idle = idle_or_new(make_plan, model, x0, orientation, asked, kept=path is None)
         warn_of(plan)
         result = _in_memory(plan, progress, idle) if path is None else _on_disk(plan, path, overwrite, progress)
-    return presented(watched(result, loaded=path is None), plan.model)
+    return _doubted(system, presented(watched(result, loaded=path is None), plan.model))
+
+
+def _doubted(system: Model | Body, run: xr.Dataset) -> xr.Dataset:
+    """The run itself.  Warns with `AccuracyWarning` of rows for which the model of its bodies does not hold."""
+    bodies = getattr(system, "bodies", (system,))
+    for sentence in bodies[0]._doubts_of(bodies, run) if isinstance(system, Body) else ():
+        doubt(sentence, AccuracyWarning)
+    return run
 
 
 def _in_memory(plan: Plan, progress: bool | None, idle: deque[Plan]) -> xr.Dataset:
