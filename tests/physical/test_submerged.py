@@ -155,6 +155,9 @@ def test_cylinder_of_strip_theory() -> None:
     fluid = np.pi * 1000 * 0.05**2 * 2
     assert rod.displaced_mass == pytest.approx(fluid)
     assert np.diag(rod.added_mass) == pytest.approx([0, fluid, fluid, 0, fluid / 3, fluid / 3])
+    with pytest.warns(kr.InputWarning, match="length: expected at least 4 radii, for strip theory, got 0.5"):
+        disc = SubmergedBody.cylinder(0.1, 0.05, 1.0, 1000.0)
+    assert disc.added_mass[0, 0] == 0.0  # of a thin disc 8/3 rho r^3 = 2.7 kg [Lamb, article 108]
 
 
 def test_by_name_and_ensembles() -> None:

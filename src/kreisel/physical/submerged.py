@@ -13,7 +13,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.files import place
 from kreisel.physical.body import Forced, Varied
 from kreisel.physical.measures import (
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 SIX = ((6,), (6, 6))
 HALVES = {"added_mass": ("kg", "kg m^2"), "linear_drag": ("N s/m", "N m s"), "quadratic_drag": ("N s^2/m^2", "N m s^2")}
 NONE = (0.0, 0.0, 0.0)
+SLENDER = 4  # radii: a spheroid so long moves 0.70 of the displaced mass across (strip theory 1), 0.21 along (0)
 
 
 @explained
@@ -205,6 +206,8 @@ class SubmergedBody(Forced):
         """
         r, L = (si_number(v, "m", k, positive=True) for v, k in ((radius, "radius"), (length, "length")))
         m, rho = si_number(mass, "kg", "mass", positive=True), si_number(fluid_density, "kg/m^3", "fluid_density")
+        if L < SLENDER * r:
+            doubt(f"length: expected at least {SLENDER} radii, for strip theory, got {L / r:.3g}. Use `ellipsoid`.")
         fluid = np.pi * rho * r * r * L
         across = m * (3 * r * r + L * L) / 12
         added = (0.0, fluid, fluid, 0.0, fluid * L * L / 12, fluid * L * L / 12)
