@@ -314,19 +314,22 @@ def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
     want, _ = _flown(model, z, h, batch)
     target, last = _flat(want), np.finfo(np.longdouble).eps
     mu = np.full(batch, complex(pade_zeros(2)[0]) / h, dtype=np.clongdouble)
-    size = abs(target).max(-1)
+    sizes = np.maximum(abs(_flat(z)), abs(target)).reshape(*batch, 2, 3).max(-1).repeat(3, -1)  # of M and of P
+    sizes = np.where(sizes > 0, sizes, 1)
+
+    def missed(mu: Array) -> Array:
+        return np.asarray((_flat(_pair(model, z, mu[()])) - target) / sizes)
+
     for _ in range(NEWTON_STEPS):
-        miss = _flat(_pair(model, z, mu[()])) - target
-        if (abs(miss).max(-1) <= SETTLED * last * size).all():
+        miss = missed(mu)
+        if (abs(miss) <= SETTLED * last).all():
             break
         change = np.sqrt(last) * abs(mu)
-        slopes = [
-            (_flat(_pair(model, z, (mu + change * way)[()])) - target - miss) / change[..., None] for way in (1, 1j)
-        ]
+        slopes = [(missed(mu + change * way) - miss) / change[..., None] for way in (1, 1j)]
         change, most = _least_squares(slopes, -miss), abs(mu) / 3
         size_of = abs(change)
         mu = mu + change * np.where(size_of > most, most / np.where(size_of > 0, size_of, 1), 1)
-    near = (abs(miss).max(-1) <= SETTLED * last * size) & (mu.real * h > LEAST_REAL)
+    near = (abs(miss).max(-1) <= SETTLED * last) & (mu.real * h > LEAST_REAL)
     return mu, near
 
 
