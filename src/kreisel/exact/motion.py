@@ -22,13 +22,14 @@ from dataclasses import astuple, dataclass
 from fractions import Fraction
 from functools import partial
 from operator import mul
+from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.exact.nutation import Integrals, MpNumber, Nutation, darboux, mp_number, rationals
+from kreisel.exact.nutation import Integrals, MpNumber, Nutation, darboux, mp_number, rationals, squared_length
 from kreisel.exact.parts import (
     BINARY,
     LEAST_PLACES,
@@ -414,6 +415,46 @@ def turned(
 def half_turns(a: Array, b: Array) -> Array:
     """The rotation R_a R_b, R_x = 2 x x^T/|x|^2 - 1, as a quaternion of length |a| |b|."""
     return algebra.quaternion((a * b).sum(-1), algebra.cross(b, a - b))
+
+
+def periods_of(m: Array, b: Array, p: Array) -> tuple[Array, Array]:
+    """The periods 2 omega_1 of tops, from axial m, b, p (..., 3), and the signs that a period gives the quaternions.
+
+    The flow over omega_1 is D_eps twice, x0 = x3 + w, w^2 = (x3 - x1)(x3 - x2), and rotations about p and b; that over
+    -omega_1 has -eps; a period carries one to the other, by Rot_p(theta_P) and its dual.  By the duplication of R_J the
+    angles over omega_1 and twice omega_1/2 differ by an arctangent.  In doubles; the sign is 0 where no real eps leads
+    so far.  [docs/exact.md]
+    """
+    from scipy.special import elliprf
+
+    integrals: Any = Integrals.of(m, b, p)  # of arrays
+    (U, V), (A, P2, J, c, E) = integrals.depressed, astuple(integrals)
+    size = np.sqrt(-U / 3)
+    angle = np.arccos(np.clip(-V / (2 * size**3), -1, 1))
+    x1, x2, x3 = (2 * size * np.cos((angle - 2 * np.pi * k) / 3) - 4 * E / 3 for k in (2, 1, 0))
+    x0, sides = x3 + np.sqrt((x3 - x1) * (x3 - x2)), np.sqrt(x3 - x1) + np.sqrt(x3 - x2)
+    eps, s = 2 / np.sqrt(x0), 1 / x0
+    r = squared_length(s, np.sqrt((1 - s * x1) * (1 - s * x2) * (1 - s * x3)), A, J, c, E)
+
+    def half(P2: Array, c: Array, K: Array) -> Array:
+        """Half of twice theta less theta_P."""
+        beyond = np.arctan2(K / np.sqrt(P2), (x3 + c * c / P2) * sides)
+        return np.asarray(beyond - np.pi / 2 - 2 * np.arctan(eps * c / np.sqrt(4 * P2)))
+
+    def turn(axis: Array, angle: Array) -> Array:
+        return algebra.quaternion(np.cos(angle), algebra.vec(np.sin(angle)) * algebra.unit(axis))
+
+    def twice(eps: Array) -> Array:
+        hat_m, old, q = algebra.hat(m), b, UNTURNED
+        for _ in range(2):
+            hat_m, new, a = darboux(hat_m, old, p, eps, r)
+            q, old = algebra.quaternion_product(half_turns(a, old), q), new
+        return algebra.unit(q)
+
+    right = 4 * np.arctan(eps * J / np.sqrt(4 * A)) - half(A, -J, integrals.dual.K)
+    before = algebra.quaternion_product(turn(p, half(P2, c, integrals.K)), twice(eps))
+    alike = algebra.dot(algebra.quaternion_product(before, turn(b, right)), twice(-eps))
+    return 4 * elliprf(0, x3 - x1, x3 - x2), np.where(abs(alike) > 0.9, np.sign(alike), 0.0)
 
 
 def _unit_vector(x: Array) -> Array:

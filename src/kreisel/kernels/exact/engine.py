@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from threading import Lock
+from typing import cast
 
 import numpy as np
 from llvmlite import ir
@@ -16,6 +17,7 @@ from llvmlite import ir
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
+from kreisel.exact.motion import periods_of
 from kreisel.graph.arranging import independent
 from kreisel.graph.graph import IN
 from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Memory, Value
@@ -24,7 +26,7 @@ from kreisel.graph.recording import recorded_function
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps, jumps_of
 from kreisel.kernels.layout import LANES, Floats, Look, no_look, on_threads
-from kreisel.method.scheme import ORIENTATION, Scheme, Spin
+from kreisel.method.scheme import ORIENTATION, Jump, Scheme, Spin
 from kreisel.record.contract import Orbit, States
 
 AT_ONCE = 4096  # times that a function is asked for
@@ -40,6 +42,7 @@ ARGUMENTS = (
     "phases", "where", "known", "table", "circle", "constants", "places", "out",
     "lane", "lanes", "first", "last", "done",
 )  # fmt: skip
+CLOSE = 1e-11  # of a period and of each: nearer to its end, doubles do not tell how many there were
 ROW_WORK = 1000  # a row is worth this number of operations on lanes
 
 
@@ -53,8 +56,8 @@ class ClosedForm:
     """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|.
 
     The first rows, one in `every` steps, are jumps, each with a separate set-up: `jumps.ROWS` of a free body and
-    `jumps.FEW` of a top without orientation.  All others share one in many digits, and so do those that need it.  Or
-    at any times, a few of which are jumps.
+    `jumps.FEW` of a top.  All others share one in many digits, and so do those that need it.  Or at any times, a few of
+    which are jumps.
     """
 
     projection = None
@@ -64,15 +67,10 @@ class ClosedForm:
             raise TypeError(f"the scheme {scheme.name} states no orbit")
         self.z, self._orbits = np.array(z0, dtype=np.float64), scheme.orbits
         self._scheme, self._start, self._reach, self._unit = scheme, self.z.copy(), reach, dt
-        self._done, self._jumped = 0, self._count_of_jumps() * every
+        rows = {Spin: jumps.ROWS, Jump: jumps.FEW}.get(type(self._orbits.jump), 0)
+        self._done, self._jumped = 0, rows * every
         self._rows_of_lanes: dict[int, OrbitRows | Samples] = {}
         self._compiled: tuple[list[int], Kernel] | None = None
-
-    def _count_of_jumps(self) -> int:
-        """Of rows; none of an oriented top: the signs of their quaternions are not those of the continuous motion."""
-        if isinstance(self._orbits.jump, Spin):
-            return jumps.ROWS
-        return 0 if self._orbits.jump is None or ORIENTATION in dict(self._scheme.components) else jumps.FEW
 
     @cached_property
     def _dyadic(self) -> tuple[int, int]:
@@ -128,12 +126,28 @@ class ClosedForm:
     def _leap(self, out: Floats, every: int) -> None:
         k = self._done + every * np.arange(1, len(out) + 1)
         out[:], right = self._jumps.at(self._start, k.astype(np.float64), self._unit)
+        if isinstance(self._orbits.jump, Jump) and ORIENTATION in dict(self._scheme.components):
+            first, signs = self._scheme.column_of(ORIENTATION), self._signs(k * self._unit)
+            out[..., first : first + 4] *= signs[..., None]
+            right &= signs != 0
         for lane, rows in self._lanes(np.flatnonzero(~right.all(0)).tolist()).items():
             wrong = np.flatnonzero(~right[:, lane])
             mended = np.empty((len(wrong), 1, out.shape[-1]))
             dt, exponent = self._dyadic
             rows.at(mended, 0, k[wrong].astype(object) * dt, np.broadcast_to(exponent, wrong.shape))
             out[wrong, lane] = mended[:, 0]
+
+    def _signs(self, times: Array) -> Array:
+        """The signs of quaternions of jumps in the continuous motion; 0 where doubles cannot tell them."""
+        scheme, jump = self._scheme, cast("Jump", self._orbits.jump)
+        m, b, p, *_ = jump.begin(*algebra.restore(self._start, scheme.kinds, scheme.n), **scheme.constants)
+        with np.errstate(all="ignore"):  # of tops of other forms, as without gravity
+            period, sign = periods_of(m, b, np.broadcast_to(p, b.shape))
+            phase = times[:, None] / period
+        count = np.rint(phase)
+        close = abs(abs(phase - count) - 0.5) < CLOSE * (1 + abs(count))
+        signs = np.where(count % 2 == 1, sign, abs(sign))
+        return np.where(close, 0.0, np.where(count == 0, 1.0, signs))
 
     def _march(self, out: Floats, every: int, look: Look) -> None:
         dt, exponent = self._dyadic

@@ -189,7 +189,7 @@ class _Jumping:
             m, b, p = (array_of([DoubleDouble(x) for x in entries[k : k + 3]]) for k in (0, 3, 6))
             maps, eps, r, unit, turn, spin, off, off_all = leap(Integrals.of(m, b, p), (above, within), t)
             error = (off_all if oriented else off) + where_less(float(MOST), maps, 1.0, 0.0)
-            spin = spin - nearest(spin)
+            spin = spin - 2.0 * nearest(0.5 * spin)
             q = carried(z, entries[3:6], *of_turns(0.5 * spin)) if carried else []
 
             def once(x: list[Any]) -> tuple[list[Any], Any]:
@@ -197,7 +197,7 @@ class _Jumping:
                 return [*mapped(x[:-1], entries[6:], eps, r), left], left
 
             (*state, _), _ = maps.graph.loop(once, [*entries[:6], *q, maps], 0.0, MOST)
-            cos, sin = of_turns(0.5 * (turn - nearest(turn)))
+            cos, sin = of_turns(0.5 * turn - nearest(0.5 * turn))
             return [error, *finish(state, [x * unit for x in entries[6:]], cos, sin)]
 
         return self._written(program)

@@ -528,7 +528,7 @@ def turned_by(axis: Any, maps: Any, alpha: Any, t: Any) -> Any:
     inverse_turn = DoubleDouble(TURN[0], TURN[1])
     turned = periods * period * inverse_turn
     excess = (1 / (alpha + 0 * p) - 1) * c / p * t * inverse_turn
-    turned = turned - nearest(upper(turned)) + (excess - nearest(upper(excess)))
+    turned = turned - 2.0 * nearest(0.5 * upper(turned)) + (excess - 2.0 * nearest(0.5 * upper(excess)))
     P, lean, kappa = upper(p), upper(c) / upper(p), upper(K) / upper(p)
     third = third_kind(gap + d1, gap + d2, gap, x0 + lean * lean, kappa * kappa)
     slope = lean / sqrt(x0)
