@@ -333,3 +333,13 @@ def test_constants_of_a_spinning_top_are_the_same_for_every_number_of_lanes(n: i
     made = scheme(top, "baecklund", 2.0, 4, False)
     V1 = made.on(tuple(algebra.restore(x, top.system.space.kinds, n)), points).constants["spin1"]
     assert 0 < np.count_nonzero(V1.any((-1, -2))) < len(x)
+
+
+def test_orientations_of_lanes_are_those_of_single_runs() -> None:
+    """A body that spins fast next to a slow one: only the constant rotation of the fast one needs two factors."""
+    M, P = np.array([(0.1, 0.2, 0.3), (3.0, 4.0, 5.0)]), np.array([(0.6, 0.0, 0.8)] * 2)
+    top, options = kr.SymmetricTop(A=(0, 0, 1.0)), {"dt": 0.5, "steps": 20, "method": "baecklund", "order": 4}
+    run = kr.simulate(top, {"M": M, "P": P}, orientation=np.eye(3), progress=False, **options)
+    for lane in (0, 1):
+        single = kr.simulate(top, {"M": M[lane], "P": P[lane]}, orientation=np.eye(3), progress=False, **options)
+        np.testing.assert_array_equal(run.g.isel(lane=lane).values, single.g.values)

@@ -240,11 +240,11 @@ def constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict
     _require_finite(K)
     theta, U = np.linalg.eigh(-1j * K)
     turn = np.remainder(angle(theta) + np.pi, 2 * np.pi) - np.pi
-    twice = abs(turn).max(initial=0) > WHOLE_TURN
-    half = np.tan(turn / (4 if twice else 2))
+    twice = abs(turn).max(-1, keepdims=True) > WHOLE_TURN  # of each lane, as if it were a separate run
+    half = np.tan(turn / np.where(twice, 4, 2))
     V = (U * (1j * half)[..., None, :] @ U.conj().mT).real
     V = (V - V.mT) / 2
-    return {f"{name}0": V, f"{name}1": V if twice else 0 * V}
+    return {f"{name}0": V, f"{name}1": V * twice[..., None]}
 
 
 def _require_finite(K: Array) -> None:
