@@ -78,6 +78,15 @@ def test_every_lane_is_a_single_run(whole: Path) -> None:
     assert set(np.unique(run["system.alpha"])) == set(np.linspace(0.5, 1.5, 4))
 
 
+def test_lanes_of_exact_are_compared_in_their_block(tmp_path: Path) -> None:
+    """Lanes of Clebsch's `exact` share the number of pairs in a step: another lane may change their last bits."""
+    design = kr.Design(grid={"state.M[2]": [0.3, 1.0, 2.0, 3.0, 5.0, 40.0]})
+    x0, more = {"M": (0.1, 0.2, 0.3), "P": (0.6, 0, 0.8)}, {"dt": 0.5, "steps": 100, "method": "exact"}
+    path = tmp_path / "run"
+    kr.sweep(kr.Clebsch(b=(1, 2, 4)), x0, design, path=path, workers=0, save=["trajectories"], block=6, **more)
+    assert check_archive(path)[1] == []
+
+
 def test_impulses_strike_every_lane(tmp_path: Path) -> None:
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
     more: dict[str, Any] = {"dt": 0.1, "steps": 40, "method": "kahan", "order": 4}
