@@ -268,8 +268,9 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
             return copies, mu.astype(complex)
         copies = copies + max(1, copies // 2)
     raise InputError(
-        f"No conjugate pair was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. "
-        "Look for a state that is zero or not finite; else use method='baecklund' with a high order."
+        f"No conjugate pair was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual "
+        "causes: entries of b that are equal or nearly so; a state that is zero or not finite. Use "
+        "method='baecklund' with a high order."
     )
 
 

@@ -363,8 +363,8 @@ def distinct(a: Array, letter: str) -> None:
         for k in range(j):
             if np.asarray(a[..., j] == a[..., k]).any():
                 raise InputError(
-                    f"The entries of {letter} must be distinct, since c_jk = (b_j - b_k)/(a_j - a_k); "
-                    f"{letter}_{k + 1} = {letter}_{j + 1} were given. For a = b (c = 1) use the system clebsch."
+                    f"The entries of {letter} must be distinct, since the system divides by their differences; "
+                    f"{letter}_{k + 1} = {letter}_{j + 1} were given."
                 )
 
 
