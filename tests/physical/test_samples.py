@@ -153,3 +153,21 @@ def test_the_path_of_a_controlled_body_is_that_under_the_same_torque() -> None:
         paths.append(kr.analysis.path(run, body).values)
     np.testing.assert_allclose(paths[1], paths[0], rtol=0, atol=1e-5)
     assert np.linalg.norm(paths[0][-1]) > 1
+
+
+def test_a_memory_of_light_and_density() -> None:
+    """What the law sees is what the run shows at the row of the sample; in the shadow the light is 0."""
+    from kreisel.physical import Orbit, Satellite
+
+    law = kr.Control(
+        lambda light, density, bright, thick: {"bright": light, "thick": density},
+        every="1 min",
+        memory={"bright": 0.0, "thick": 0.0},
+    )
+    orbit = Orbit.circular("500 km", epoch="2026-03-20T14:46:00")
+    for lanes in (orbit, [orbit, Orbit.circular("600 km", epoch="2026-03-20T14:46:00")]):
+        body = Satellite.cubesat(lanes, air="exponential", control=law)
+        run = kr.simulate(body, body.state(), dt="1 min", t_end="95 min", progress=False)
+        np.testing.assert_allclose(run.bright[1:], run.light[:-1], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(run.thick[1:], run.density[:-1], rtol=1e-9)
+        assert {0.0, 1.0} <= {*run.bright.values.ravel()[1:].round(9).tolist()}

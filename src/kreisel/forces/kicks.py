@@ -307,7 +307,7 @@ def surroundings(body: Body) -> dict[str, Array]:
             f"{', '.join(FIELDS)}, or a dipole. Only a body on an orbit has them: kr.physical.Satellite."
         )
     result, _ = _recorded(force, {TIME: (body.t, 0)}, body)
-    return {name: values_of(np.asarray(value, dtype=object), body) for name, value in result.items()}
+    return {name: values_of(np.asarray(value, dtype=object), body)[()] for name, value in result.items()}
 
 
 def field_of(body: Body) -> Array:
