@@ -324,6 +324,13 @@ def test_the_attitude_of_a_submerged_body_keeps_its_length_in_32_bits(tmp_path: 
     assert abs(np.linalg.norm([float(x) for x in out.split()]) - 1) < 2.0**-22
 
 
+def test_a_file_in_32_bits_states_where_its_clock_ends() -> None:
+    last = 2**24
+    assert np.float32(last - 1) + np.float32(1) == np.float32(last) + np.float32(1) == last
+    driven = kr.perturbed(BODY, torque=lambda t: 0.1 * np.array([np.sin(t), 0 * t, 0 * t]))
+    assert [str(last) in kr.code(driven, START, single=single) for single in (True, False)] == [True, False]
+
+
 CHECKED = """#include "rock.h"
 #include "ball.h"
 #include <stdio.h>

@@ -112,6 +112,11 @@ def test_derivatives_pass_through_a_memory_of_one_value() -> None:
     with double():
         slope = jax.grad(lambda k: motion(body.state((0, 0, 0)), dt=0.25, steps=20, k=k)["momentum"][1])
         assert float(slope(PUSH)) == pytest.approx(5, rel=1e-12)
+        back = jax.jit(lambda dt: motion(body.state((0, 0, 0)), dt=dt, steps=4)["momentum"])
+        assert np.isfinite(back(0.25)).all()
+        assert np.isnan(back(-0.25)).all()
+    with pytest.raises(kr.InputError, match=r"^dt: expected a positive step .* acts on the past, got -0\.25 s"):
+        motion(body.state((0, 0, 0)), dt=-0.25, steps=4)
     with pytest.raises(kr.InputError, match=r"^momentum: expected a vector, got one value"):
         motion({"momentum": 1.0, "count": 0.0, "commanded_impulse": np.zeros(3)}, dt=0.25, steps=4)
 

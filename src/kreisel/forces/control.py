@@ -99,11 +99,13 @@ def whole_samples(model: Model, dt: float) -> float:
 
 
 def require_whole_samples(model: Model, dt: float, start: float = 0.0, name: str = "t_start") -> None:
-    """Raises `InputError` for steps that do not divide the time between samples, or miss one; `name` of the start."""
+    """Raises `InputError` for steps that go back, or miss a sample; `name` of the start."""
     control = _sampler(model)
     if control is None:
         return
     every, dt = control.every * control.time, dt * control.time
+    if dt < 0:
+        raise InputError(f"dt: expected a positive step of a body whose controller acts on the past, got {dt:g} s.")
     steps, count = every / dt, start * control.time / dt
     if _is_fraction(steps):
         raise InputError(
@@ -121,7 +123,7 @@ def require_whole_samples(model: Model, dt: float, start: float = 0.0, name: str
 def samples_missed(model: Model, dt: Any, start: Any) -> Any:
     """Whether `require_whole_samples` refuses these steps; values may be arrays of JAX."""
     control = _sampler(model)
-    return False if control is None else _is_fraction(control.every / dt) | _is_fraction(start / dt)
+    return False if control is None else (dt < 0) | _is_fraction(control.every / dt) | _is_fraction(start / dt)
 
 
 def _is_fraction(x: Any) -> Any:
