@@ -308,7 +308,8 @@ def test_the_moments_of_a_free_body(turn: Any) -> None:
     time, true = np.arange(60) * 0.1, 0.01 * np.array([5.0, 4.0, 3.0])
     R = np.eye(3) if turn is None else Rotation.from_rotvec(turn).as_matrix()
     rates = (spinning(time) + NOISE * np.random.default_rng(6).normal(size=(60, 3))) @ R.T
-    data = seen(time, angular_velocity=rates, sigma_angular_velocity=NOISE)
+    data = seen(time, angular_velocity=rates)
+    data["sigma_angular_velocity"] = xr.DataArray(np.degrees(NOISE), attrs={"units": "deg/s"})  # of rates in rad/s
     body = kr.physical.FreeBody(R @ np.diag([0.051, 0.04, 0.029]) @ R.T)
     order, axes = np.argsort(abs(body.principal.axes.T @ R), axis=1)[:, -1], body.principal.axes
     middle = int(np.flatnonzero(order == 1)[0])  # one moment is fixed: rates do not determine a common factor

@@ -248,8 +248,7 @@ def observed(model: Model, data: Any, dt: float, observables: Any, starts: Mappi
     variables = []
     for name in names:
         show = _show(model, name, observables, data[name].attrs.get(AXES), oriented)
-        size = _size_of_unit(model, data[name], name)
-        value, sigma = _values(data, name, size)
+        value, sigma = _values(model, data, name)
         variables.append(Variable(name, value, sigma, np.isfinite(value), show, tuple(map(str, data[name].dims))))
     time = data["time"].values
     if time.dtype.kind not in "iuf" or not len(time) or not np.isfinite(time.astype(np.float64)).all():
@@ -284,9 +283,13 @@ def _size_of_unit(model: Model, variable: Any, name: str) -> float:
     return ratio
 
 
-def _values(data: Any, name: str, size: float) -> tuple[Array, Array]:
-    """The values of a variable in units of that size, and their errors, 1 if it has none.  Raises `InputError`."""
+def _values(model: Model, data: Any, name: str) -> tuple[Array, Array]:
+    """The values of a variable, and their errors, 1 if it has none.  Raises `InputError`.
+
+    Errors without the attribute `units` have the units of the variable.
+    """
     variable = data[name]
+    size = _size_of_unit(model, variable, name)
     if not variable.dims or variable.dims[0] != "time" or "lane" in variable.dims or variable.dtype.kind not in "iuf":
         raise InputError(
             f"observations: expected values {name} (time, ...) of one body, got the dimensions {variable.dims} of "
@@ -307,7 +310,8 @@ def _values(data: Any, name: str, size: float) -> tuple[Array, Array]:
             f"observations: expected {SIGMA}{name} > 0, of the shape of {name}, {values.shape}, or spread over it, got "
             f"the shape {errors.shape}."
         )
-    return values / size, np.where(np.isfinite(sigma), sigma, 1) / size
+    unit = _size_of_unit(model, errors, name) if stated_unit(errors) else size
+    return values / size, np.where(np.isfinite(sigma), sigma, 1) / unit
 
 
 def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:

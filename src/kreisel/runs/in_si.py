@@ -492,7 +492,7 @@ def observations_of(model: Model, data: Any) -> Any:
         unit = "rad/s" if letter == "Omega" else frame.units.get(letter, ("1", 1.0))[0]
         inside = {AXES: BODY} if letter in (*frame.along, ORIENTATION, "Omega") else {}
         out = variable.copy(deep=False)
-        out.attrs = {"units": unit, **inside, **variable.attrs}
+        out.attrs = ({} if prefix else {"units": unit}) | inside | variable.attrs
         renamed[prefix + letter + index] = out
     coords = {k: v for k, v in renamed.items() if k in data.coords}
     return type(data)({k: v for k, v in renamed.items() if k not in coords}, coords, dict(data.attrs))
