@@ -481,11 +481,10 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
 
     The coordinates of the Poisson tensor: entries i < j of a skew matrix, then the vectors; J T(start) J^T = T(end) if
     the method is Poisson.  With an orientation, then the entries i < j of the skew X with dg = g X (moving frame) or
-    dg = X g (rest frame).  Of a body of `kr.physical`, its state: along the axes and in the units of
-    `body.in_si().body_frame`.  `system`: the system of the run, if it is user-defined.  `kr.differentiable` computes it
-    without projections.  For a part of a run, `run.isel(time=slice(...))`, from its first row to its last.  Needs the
-    extra `reduction`.  Raises `InputError` for ensembles, for runs with impulses, events or given times, for one row,
-    and as `differentiable`; `RunError` if J is not finite.
+    dg = X g (rest frame).  Of a body: in axes and units of its state, `body.in_si().body_frame`.  `system`: the system
+    of the run, if it is user-defined.  `kr.differentiable` computes it without projections.  For a part of a run,
+    `run.isel(time=slice(...))`, from its first row to its last.  Needs the extra `reduction`.  Raises `InputError` for
+    ensembles, runs with impulses, events or given times, one row, and as `differentiable`; `RunError` if J is infinite.
     """
     record, run = RunRecord.of(run), in_state_form(run)
     if "lane" in run.dims or not record.stepped or record.broken or record.at_times:
