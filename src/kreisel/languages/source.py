@@ -72,7 +72,7 @@ MOST = 10
 ORBIT = "The constants belong to the orbit of the initial state: from another one the step is another map."
 AXES = "The state has other axes than the body: a vector of the body is R v, its orientation g R^T, with"
 COUNT = "Forces are at the time _count dt: set _count to begin at another time, and again with another dt."
-STOPS = "  In 32 bits it does not count beyond 16777216, after which their time stands still."
+STOPS = "  In 32 bits it does not count beyond 16777216: their time ends there."
 LABELS = {"c": "c_"}  # of parameters, in arguments next to the constants c of the file
 POSITIVE = ("the parameters are finite, and positive where they have to be", MESSAGES[-1])
 
