@@ -35,7 +35,8 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
 
     An observation has the rotation from the target to the body, a quaternion with w >= 0 (4), the rates over `rates`
     (3), momenta of wheels over those that `limit` gives in `duration`, for dipoles the field over 5e-5 T at the last
-    sample (3), along the body axes.  `reset(options={"attitude": ..., "spin": ...})` sets the start at the time 0.
+    sample (3), the first one at the start, along the body axes.  `reset(options={"attitude": ..., "spin": ...})` sets
+    the start at the time 0.
     """
 
     metadata = {"autoreset_mode": vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012 - of gymnasium
@@ -84,6 +85,8 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
         start = {"attitude": unit(turns), "spin": spins * self.rates, **(options or {})}
         state, self._count = self._motion.to(self._body.state(**start), 0.0), 0
         self._state = {name: np.zeros((self.num_envs, 1)) + value for name, value in state.items()}
+        if "seen" in state:  # by the sample at 0
+            self._state["seen"] = self._motion.to(self._state, self.every, 0.0)["seen"]
         return self._observed(), {}
 
     def _observed(self) -> Array:

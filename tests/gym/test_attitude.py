@@ -58,6 +58,18 @@ def test_a_dipole_in_the_field() -> None:
     np.testing.assert_allclose(seen[0, 4:7] * 0.02, rates, atol=0.01 * abs(rates).max())
 
 
+def test_an_episode_begins_with_the_field() -> None:
+    """20 to 65 microtesla in a low orbit, along the body axes: those of a run at its start."""
+    envs = environment("dipole")
+    spin, q = (0.01, -0.02, 0.015), np.array([0.5, 0.5, -0.5, 0.5])
+    seen, _ = envs.reset(options={"attitude": q, "spin": spin})
+    B = seen[:, 7:] * 5e-5
+    assert (np.linalg.norm(B, axis=-1) > 2e-5).all() and (np.linalg.norm(B, axis=-1) < 6.5e-5).all()
+    run = kr.simulate(BUS, BUS.state(spin=spin, attitude=q), dt=1.0, t_end=1.0, progress=False)
+    np.testing.assert_allclose(B[0], kr.algebra.rotation_matrix(q).T @ run.field.values[0], rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(seen[0, :4], q, atol=1e-15)
+
+
 def test_lanes_move_as_single_runs() -> None:
     """A torque that does not change, against kr.simulate of a satellite that has it."""
     envs = environment(dt=0.5)
