@@ -117,6 +117,25 @@ def test_skew_matrices() -> None:
     assert abs(found.state.m - m).max() < 1e-9
 
 
+def test_a_skew_matrix_has_its_entries_once() -> None:
+    """Six values a row for n = 4, as if each was named: M_ij and M_ji are one observation."""
+    rng, J = np.random.default_rng(2), (1.0, 2.0, 3.0, 4.0)
+    top, M = kr.EulerTop(J=J), algebra.skew(np.array([0.3, -0.2, 0.5, 0.1, 0.4, -0.3]), 4)
+    how: dict[str, Any] = {"method": "kahan", "order": 2}
+    run = kr.simulate(top, top.state(M=M), dt=0.05, steps=80, every=8, project=False, **how)
+    noisy = run.M.values + 1e-3 * algebra.skew(rng.normal(size=(11, 6)), 4)
+    entries = {f"M[{i}, {j}]": noisy[:, i, j] for i in range(4) for j in range(i + 1, 4)}
+    asked: dict[str, Any] = {"free": ["J[0]", "M"], "x0": {"M": M}, "dt": 0.05, **how}
+    for sigma in (1e-3, None):
+        errors = {} if sigma is None else dict.fromkeys([f"sigma_{name}" for name in entries], sigma)
+        data = seen(run.time.values, M=noisy, **({} if sigma is None else {"sigma_M": sigma}))
+        found, each = kr.fit(top, data, **asked), kr.fit(top, seen(run.time.values, **entries, **errors), **asked)
+        assert found.dof == each.dof == 6 * 11 - 7
+        assert found.chi2 == pytest.approx(each.chi2, rel=1e-6, abs=0)
+        assert list(found.errors.values()) == pytest.approx(list(each.errors.values()), rel=1e-6, abs=0)
+    assert 0.5e-3 < found.sigma < 1.6e-3  # by 59 values: beyond five standard deviations
+
+
 def test_observables_and_numbers_of_the_instrument() -> None:
     time = np.arange(80) * 0.1
     off = np.array([0.1, -0.2, 0.05])

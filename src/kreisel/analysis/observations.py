@@ -249,7 +249,8 @@ def observed(model: Model, data: Any, dt: float, observables: Any, starts: Mappi
     for name in names:
         show = _show(model, name, observables, data[name].attrs.get(AXES), oriented)
         value, sigma = _values(model, data, name)
-        variables.append(Variable(name, value, sigma, np.isfinite(value), show, tuple(map(str, data[name].dims))))
+        mask = np.isfinite(value) & (True if name in (ORIENTATION, *observables) else _independent(value))
+        variables.append(Variable(name, value, sigma, mask, show, tuple(map(str, data[name].dims))))
     time = data["time"].values
     if time.dtype.kind not in "iuf" or not len(time) or not np.isfinite(time.astype(np.float64)).all():
         raise InputError(
@@ -312,6 +313,15 @@ def _values(model: Model, data: Any, name: str) -> tuple[Array, Array]:
         )
     unit = _size_of_unit(model, errors, name) if stated_unit(errors) else size
     return values / size, np.where(np.isfinite(sigma), sigma, 1) / unit
+
+
+def _independent(value: Array) -> Any:
+    """The entries of matrices (time, n, n) that are above the diagonal if all are skew, or on it if symmetric."""
+    upper: Any = True
+    for sign in (-1, 1) if value.ndim == 3 and value.shape[1] == value.shape[2] else ():
+        if np.array_equal(value, sign * value.mT, equal_nan=True):
+            upper = np.triu(np.ones(value.shape[1:], bool), int(sign < 0))
+    return upper
 
 
 def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
