@@ -302,6 +302,19 @@ def test_orientation_at_any_time() -> None:
         simulated(J, H, M0, 1e9, 1, orientation=UPRIGHT)
 
 
+def test_a_fast_body_is_a_slow_one_at_another_time() -> None:
+    """M and h times s, at the time t/s: the same orientation; at 2^20 kr.at asked for fewer maps in a step."""
+    M, h, J, times, s = np.array([0.9, -0.4, 1.3]), np.array([0.3, -0.5, 0.8]), (0.7, 1.1, 1.6), [0.3, 40.0], 2.0**20
+    slow, fast = (
+        kr.at(
+            kr.ZhukovskyVolterra(J=J, h=k * h), {"M": k * M}, np.array(times) / k, orientation=(1, 0, 0, 0), observe=()
+        )
+        for k in (1.0, s)
+    )
+    assert abs(fast.M.values / s - slow.M.values).max() < 1e-13
+    assert abs(fast.g.values - slow.g.values).max() < 1e-13
+
+
 def test_orientation_after_many_periods(monkeypatch: pytest.MonkeyPatch) -> None:
     """No error grows with time; the mutant's angle of a period is off by 1e-14."""
     J, h, M = (0.5, 0.6, 0.7), (-1.0, 1.5, 0.5), (1.5, -0.5, 0.25)

@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike, StateLike
 
 
+NO_STEP = 2.0**-60  # of the flow, which makes none: a long step of a fast gyrostat would need too many maps
+
+
 @explained
 def at(
     system: Model | Body,
@@ -87,7 +90,7 @@ def at(
         raise InputError("The times of a map are its steps, integers k for the time k dt, got others.")
     from kreisel.kernels.exact.engine import ClosedForm
 
-    asked: dict[str, Any] = {"method": method, "dt": step, "order": order, "observe": observe}
+    asked: dict[str, Any] = {"method": method, "dt": step if dt else NO_STEP, "order": order, "observe": observe}
     plan, idle = idle_or_new(_plan_of_times, model, x0, orientation, asked)
     plan.engine = ClosedForm(plan.scheme, plan.first, step, float(abs(flat).max()))
     with np.errstate(all="ignore"):
