@@ -70,6 +70,22 @@ def test_a_sample_is_an_event(quantity) -> None:
     assert end["count"] == 20 and end["momentum"][0] == moved(20)
 
 
+@pytest.mark.parametrize("moment", [0.7, 1.0, 77.7])
+def test_an_event_at_a_sample_to_rounding_happens_once(moment) -> None:
+    """The momentum is 0.01 t to rounding: the crossing may lie 1e-11 s before the sample, or behind it."""
+    law = kr.Control(
+        lambda count: {"torque": np.array([0.01, 0, 0]) + 0 * count, "count": count + 1.0}, 0.1, {"count": 0.0}
+    )
+    body = FreeBody((1, 1, 1), control=law)
+    event = kr.Event(
+        lambda x: x["momentum"][0] - 0.01 * moment, lambda x: {**x, "momentum": x["momentum"] + (0, 0.05, 0)}
+    )
+    run = kr.simulate(body, body.state((0, 0, 0)), dt=0.1, steps=800, every=800, events=event, progress=False)
+    [[time, _]] = json.loads(run.attrs["event_times"])
+    assert time == pytest.approx(moment, abs=1e-6) and run["count"][-1] == 800
+    assert run.momentum[-1].values == pytest.approx([0.8, 0.05, 0], rel=1e-11)
+
+
 def test_a_propagator_samples_from_any_time_to_any_time() -> None:
     """A loop that ends between samples, and one that adds up its times."""
     body = FreeBody((1, 1, 1), torque=lambda t: np.array([0, 1.0, 0]) + 0 * t, control=pushed().control)

@@ -489,7 +489,7 @@ class Signs:
     values  (z, time) -> the quantities (count,)
     step    (z, time, h) -> z, a single step
     rising  of each quantity: True, False for changes only upward, downward; None: both
-    least   the shortest time to a change: at a sample of a controller quantities jump, and it is not repeated
+    least   the shortest time to a change, and from one within a step to its end: no sample of a controller is repeated
     """
 
     def __init__(
@@ -530,7 +530,8 @@ class Signs:
             return 0.0
         if value(h) * side >= 0:
             return h
-        return min(h, max(self._least, float(brentq(value, 0.0, h, xtol=EXACT * h, rtol=EXACT))))
+        after = float(brentq(value, 0.0, h, xtol=EXACT * h, rtol=EXACT))
+        return h if after > h - self._least else max(self._least, after)
 
 
 def number_of(quantity: Any, state: Any, name: str) -> float:
