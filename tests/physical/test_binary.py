@@ -229,8 +229,9 @@ def test_a_synchronous_moon_is_heated_as_peale_says() -> None:
     assert heat == pytest.approx(10.5 * love / Q * G * M**2 * R**5 * n * e**2 / a**6, rel=0.01, abs=0)
 
 
-def test_a_run_warns_of_bodies_that_touch() -> None:
+def test_a_run_warns_of_bodies_that_touch(monkeypatch: pytest.MonkeyPatch) -> None:
     """A third body that flies along a line hits the first, in one lane of two; an event stops before."""
+    monkeypatch.setattr("kreisel.physical.binary.VALUES", 20)  # blocks of ten rows
     pair = Binary.didymos()
     hits, passes = (replace(pair, third=ThirdBody(1e3, (-2e4, y, 0), (2.0, 0, 0))) for y in (200.0, 2000.0))
     many = Ensemble([passes, hits])
@@ -239,6 +240,14 @@ def test_a_run_warns_of_bodies_that_touch() -> None:
     kr.simulate(passes, passes.state(), dt="5 min", t_end="5 h")
     contact = kr.Event(lambda x: x["third_position"] @ x["third_position"] - 500.0**2, rising=False)
     assert kr.simulate(hits, hits.state(), dt="5 min", t_end="5 h", events=contact).attrs["stopped"] > 9000
+
+
+def test_bodies_without_a_size_never_touch() -> None:
+    """Around the Sun, 1e11 m away, whose distance over a size of 0 is beyond doubles."""
+    points = (GravityBody(mass, (i, i, 1.1 * i)) for mass, i in ((5e11, 1e16), (4e9, 1e13)))
+    pair = Binary(*points, third=Binary.didymos(sun=True).third)
+    run = kr.simulate(pair, pair.state(separation=1200.0), dt="5 min", steps=3)
+    assert np.linalg.norm(run.third_position, axis=-1).min() > 1e11
 
 
 def test_an_ensemble_has_shapes_of_its_own() -> None:

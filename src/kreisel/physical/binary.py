@@ -42,7 +42,8 @@ formulas = cast("Any", formulas_of_pairs)  # of a page, without types
 expansion = cast("Any", satellite)  # of a page, without types
 WEIGHTS = {l: [(2 - (m == 0)) * math.factorial(l - m) / math.factorial(l + m) for m in range(l + 1)] for l in (3, 4)}  # noqa: E741
 DENSEST = 22_600.0  # kg/m^3, osmium
-CONTACT, TINY = 1e-6, 1e-300  # relative, of bodies that an event stopped there; instead of a size of 0
+CONTACT, TINY = 1e-6, 1e-150  # relative, of bodies that an event stopped there; m, instead of a size of 0
+VALUES = 1 << 20  # of a distance, at once: an archive may be longer than memory
 NODES = 4  # of Gauss's rules: exact for polynomials of degree 7
 
 
@@ -400,12 +401,15 @@ class Binary(Varied):
     def _doubts_of(bodies: Sequence[Any], run: Any) -> Sequence[str]:
         sizes = np.array([[pair.primary.size, pair.secondary.size] for pair in bodies]).T + TINY
         share = np.array([[pair.secondary.mass / (pair.primary.mass + pair.secondary.mass)] for pair in bodies])
-        r = run["position"].values
-        gaps = [np.linalg.norm(r, axis=-1) / sizes.sum(0)]
-        if "third_position" in run:
-            places = run["third_position"].values + np.stack([share * r, (share - 1) * r])
-            gaps += [np.linalg.norm(x, axis=-1) / size for x, size in zip(places, sizes, strict=True)]
-        if not (least := min(gap.min() for gap in gaps)) < 1 - CONTACT:
+        gaps: list[float] = []
+        for first in range(0, run.sizes["time"], count := max(1, VALUES // run.sizes.get("lane", 1))):
+            rows = run.isel(time=slice(first, first + count))
+            r = rows["position"].values
+            gaps.append((np.linalg.norm(r, axis=-1) / sizes.sum(0)).min())
+            if "third_position" in run:
+                places = rows["third_position"].values + np.stack([share * r, (share - 1) * r])
+                gaps += [(np.linalg.norm(x, axis=-1) / size).min() for x, size in zip(places, sizes, strict=True)]
+        if not (least := min(gaps)) < 1 - CONTACT:
             return ()
         return (
             f"expected bodies apart, got rows at {least:.3g} of the distance at which they touch; the motion then "
