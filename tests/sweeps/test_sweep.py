@@ -23,10 +23,11 @@ import pytest
 import kreisel as kr
 from kreisel.cli.configuration import read_sweep
 from kreisel.storage import archive
+from kreisel.storage.opening import open_lanes
 from kreisel.sweeps import workers
 from kreisel.sweeps.design import Lanes
 from kreisel.sweeps.ensemble import Sweep, angular_frequency
-from kreisel.sweeps.sweep import carry_out, check_archive
+from kreisel.sweeps.sweep import MOST_STEPS, carry_out, check_archive, lanes_again
 from support import ROOT, configuration, contents
 
 DESIGN = """[sweep]
@@ -85,6 +86,17 @@ def test_lanes_of_exact_are_compared_in_their_block(tmp_path: Path) -> None:
     path = tmp_path / "run"
     kr.sweep(kr.Clebsch(b=(1, 2, 4)), x0, design, path=path, workers=0, save=["trajectories"], block=6, **more)
     assert check_archive(path)[1] == []
+
+
+def test_a_wrong_lane_is_found_next_to_a_long_one(tmp_path: Path) -> None:
+    """The block of the lane is too long to be computed again; the lane is not."""
+    design, x0 = kr.Design(together={"run.steps": [100, MOST_STEPS + 1]}), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
+    path = tmp_path / "run"
+    kr.sweep(kr.LagrangeTop(p=(0, 0, 1)), x0, design, path=path, workers=0, block=2, dt=0.05, method="suris")
+    run = open_lanes(path).load()
+    assert lanes_again(run) == []
+    run["energy_drift"][0] += 1e-10
+    assert lanes_again(run) == ["energy_drift of lane 0 differs from the lane computed again"]
 
 
 def test_impulses_strike_every_lane(tmp_path: Path) -> None:
