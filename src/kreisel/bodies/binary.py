@@ -55,7 +55,7 @@ from kreisel.record.contract import ClosedForm, Parameter, PhaseSpace, System
 from kreisel.record.perturbation import Force, Perturbation
 from kreisel.record.units import BodyFrame
 
-FAR = 2.0**23  # m, the unit of R: R and V are then alike in size, as corrections of rounding errors assume
+FAR = 2.0**23  # m, the unit of R: R and V are then alike in size
 G = 6.67430e-11  # m^3/(kg s^2), CODATA 2022
 PAIR = tuple((k, "quaternion" if k[0] == "q" else "vector") for k in ("r", "v", "L1", "q1", "L2", "q2"))
 POINT = (("R", "vector"), ("V", "vector"))
