@@ -249,7 +249,7 @@ def observed(model: Model, data: Any, dt: float, observables: Any, starts: Mappi
     for name in names:
         show = _show(model, name, observables, data[name].attrs.get(AXES), oriented)
         value, sigma = _values(model, data, name)
-        mask = np.isfinite(value) & (True if name in (ORIENTATION, *observables) else _independent(value))
+        mask = np.isfinite(value) if name in (ORIENTATION, *observables) else _independent(value)
         variables.append(Variable(name, value, sigma, mask, show, tuple(map(str, data[name].dims))))
     time = data["time"].values
     if time.dtype.kind not in "iuf" or not len(time) or not np.isfinite(time.astype(np.float64)).all():
@@ -315,13 +315,17 @@ def _values(model: Model, data: Any, name: str) -> tuple[Array, Array]:
     return values / size, np.where(np.isfinite(sigma), sigma, 1) / unit
 
 
-def _independent(value: Array) -> Any:
-    """The entries of matrices (time, n, n) that are above the diagonal if all are skew, or on it if symmetric."""
-    upper: Any = True
-    for sign in (-1, 1) if value.ndim == 3 and value.shape[1] == value.shape[2] else ():
-        if np.array_equal(value, sign * value.mT, equal_nan=True):
+def _independent(value: Array) -> Array:
+    """The finite entries; of skew or symmetric matrices (time, n, n) each once: below the diagonal if missing above."""
+    finite = np.isfinite(value)
+    if value.ndim != 3 or value.shape[1] != value.shape[2]:
+        return finite
+    pairs = np.where(finite & finite.mT, value, 0.0)
+    for sign in (-1, 1):
+        if np.array_equal(pairs, sign * pairs.mT):
             upper = np.triu(np.ones(value.shape[1:], bool), int(sign < 0))
-    return upper
+            return np.asarray(finite & (upper | ~finite.mT))
+    return finite
 
 
 def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
