@@ -96,6 +96,51 @@ def test_new_and_run_in_a_new_folder(tmp_path: Path, monkeypatch: pytest.MonkeyP
         assert (run[name].values == same[name].values).all(), name
 
 
+BALL = "{{ mass = {}, inertia = [{}, {}, {}], size = {} }}"
+BINARY = f"""
+[body]
+kind = "binary"
+primary = {BALL.format(5e11, 1e16, 1e16, 1e16, 400)}
+secondary = {BALL.format(4e9, 1e13, 1e13, 1e13, 80)}
+third = {{ mass = 1e3, position = [-2e4, 200, 0], velocity = [2, 0, 0] }}
+[state]
+separation = 1200
+[run]
+dt = "5 min"
+t_end = "5 h"
+[output]
+path = "x.zarr"
+"""
+FIELD = """
+[body]
+kind = "satellite"
+inertia = [1, 1.5, 2]
+magnetic_moment = [0, 0, 0.1]
+orbit = { semi_major_axis = "7000 km", epoch = "2029-12-31T00:00:00" }
+[state]
+spin = [0, 0, 0.001]
+[run]
+dt = "100 s"
+t_end = "3 days"
+[output]
+path = "x.zarr"
+"""
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize(("text", "said"), [(BINARY, "expected bodies apart"), (FIELD, "IGRF-14 holds until 2030")])
+def test_a_run_of_a_file_warns_as_in_python(
+    text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("x.toml").write_text(text)
+    monkeypatch.setattr("sys.argv", ["kreisel", "run", "x.toml", "--no-figure"])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    assert not stopped.value.code
+    assert f"kreisel: warning: {said}" in capsys.readouterr().err
+
+
 def alike(one: Any, other: Any) -> bool:
     """Whether two bodies have the same type, mass and parameters."""
     params, others = one.model().params, other.model().params

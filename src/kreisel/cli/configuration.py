@@ -67,7 +67,13 @@ class Config:
     run: Settings
     path: Path
     figure: Path
-    is_body: bool = False
+    body: Body | None = None
+
+    @property
+    def doubts(self) -> Sequence[str]:
+        """Sentences on models of the body that do not hold until the end of the run."""
+        end = self.run.t_start + self.run.time
+        return () if self.body is None else self.body._doubts(end * self.model.body_frame.time_unit)
 
 
 def read(path: Path, changes: Sequence[str] = ()) -> Config:
@@ -210,7 +216,7 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
         )
     faults.report(source)
     assert subject.model is not None and subject.state is not None and run is not None
-    return Config(subject.name, subject.model, subject.state, subject.orientation, run, path, figure, "body" in tables)
+    return Config(subject.name, subject.model, subject.state, subject.orientation, run, path, figure, subject.body)
 
 
 @dataclass(frozen=True)

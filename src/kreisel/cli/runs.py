@@ -13,7 +13,7 @@ import typer
 
 from kreisel.cli import output
 from kreisel.cli.output import SET, AsJson, Overwrite, OverwriteFile, a_path, app, opt, print_json, say
-from kreisel.errors import ConservationWarning, InputError, counted
+from kreisel.errors import ConservationWarning, InputError, counted, doubt
 from kreisel.process import SPENT
 
 if TYPE_CHECKING:
@@ -59,9 +59,11 @@ def run(
     from kreisel.cli.configuration import read
     from kreisel.runs.planning import estimate, make_plan
     from kreisel.runs.run_record import RunRecord
-    from kreisel.storage.simulate import simulate
+    from kreisel.storage.simulate import doubted, simulate
 
     asked = read(config, changes or ())
+    for sentence in asked.doubts:
+        doubt(sentence)
     if figure:
         output.require_figure(asked.figure)
     begun = time.perf_counter()
@@ -74,6 +76,7 @@ def run(
             say(f"{duration.text}; Ctrl-C stops it, `kreisel resume {asked.path}` goes on", file=sys.stderr)
     with catch_warnings(action="ignore", category=ConservationWarning):  # the table and the exit code report it
         result = simulate(asked.model, asked.state, **settings, path=asked.path, overwrite=overwrite)
+        doubted(asked.body, result)
     seconds, record = time.perf_counter() - begun, RunRecord.from_attrs(result.attrs)
     summary = {
         "archive": str(asked.path),
@@ -93,7 +96,7 @@ def run(
         from kreisel.viewer.plots import plot as drawn
 
         output.save_picture(drawn(result), asked.figure)
-    title = record.title if asked.is_body else f"{record.title}: {asked.model}"
+    title = record.title if asked.body is not None else f"{record.title}: {asked.model}"
     _report(result, summary, [title, *_what_was_done(summary, record.pace)], as_json)
 
 

@@ -92,12 +92,12 @@ def simulate(
         plan, idle = idle_or_new(make_plan, model, x0, orientation, asked, kept=path is None)
         warn_of(plan)
         result = _in_memory(plan, progress, idle) if path is None else _on_disk(plan, path, overwrite, progress)
-    return _doubted(system, presented(watched(result, loaded=path is None), plan.model))
+    return doubted(system, presented(watched(result, loaded=path is None), plan.model))
 
 
-def _doubted(system: Model | Body, run: xr.Dataset) -> xr.Dataset:
+def doubted(system: Model | Body | None, run: xr.Dataset) -> xr.Dataset:
     """The run itself.  Warns with `AccuracyWarning` of rows for which the model of its bodies does not hold."""
-    bodies = getattr(system, "bodies", (system,))
+    bodies: Any = getattr(system, "bodies", (system,))
     for sentence in bodies[0]._doubts_of(bodies, run) if isinstance(system, Body) else ():
         doubt(sentence, AccuracyWarning)
     return run
