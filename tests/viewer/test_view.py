@@ -17,7 +17,7 @@ from PIL import Image
 import kreisel as kr
 from kreisel.physical import FreeBody, Gyroscope, HeavyBody
 from kreisel.viewer import bodies
-from kreisel.viewer.frames import extremes, mixed
+from kreisel.viewer.frames import coordinates_of, extremes, mixed
 from kreisel.viewer.page import Source, address, as_json, page, scripts, server
 from kreisel.viewer.scene import scene
 from scenes import HOSTILE, IDENTITY, array, hostile, points, tip, turned
@@ -255,6 +255,7 @@ def test_particle_projection_lane_and_own_system():
     data = scene(kr.simulate(free, {"M": m - m.T}, dt=0.05, steps=50, progress=False))
     assert data["names"] == "12 13 14 15 23 24 25 34 35 45".split()  # not the zeros of the diagonal, nor twice
     assert np.ptp(tip(data), axis=0).min() > 0.01
+    assert coordinates_of(np.zeros((1, 12, 12)))[1][9:13] == ["1,11", "1,12", "2,3", "2,4"]
     both = kr.LagrangeTop(p=[(0, 0, 1.0), (0, 1.0, 0)])
     run = kr.simulate(both, both.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), dt=0.05, steps=50, progress=False)
     assert np.allclose(tip(scene(run, lane=1))[:, 2], run.a[:, 1, 1], atol=2e-4)  # its own gravity points down

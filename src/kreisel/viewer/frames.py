@@ -255,7 +255,8 @@ def coordinates_of(values: Array) -> tuple[Array, list[str]]:
         values = values.reshape(len(values), -1)
         return values, [str(i + 1) for i in range(values.shape[1])]
     j, k = np.triu_indices(values.shape[1], k=int(not values[:, 0, 0].any()))
-    return values[:, j, k], [f"{a + 1}{b + 1}" for a, b in zip(j, k, strict=True)]
+    comma = "," if values.shape[1] > 9 else ""
+    return values[:, j, k], [f"{a + 1}{comma}{b + 1}" for a, b in zip(j, k, strict=True)]
 
 
 def as_matrices(q: Array) -> Array:
