@@ -58,10 +58,9 @@ demo: $(CORE)
 # What stands still is named and ended.
 LIMITED := --timeout 400 --timeout-method thread
 
-# The C library gives back pages between objects that are in use; Python's arenas keep them, and a worker grew to 1.7 GB.
 test: $(STAMP)
 	@echo "== the test suite"
-	PYTHONMALLOC=malloc $(BIN)/python -m pytest -q -rs -n 2 --dist worksteal $(LIMITED) tests
+	$(BIN)/python -m pytest -q -rs -n 2 --dist worksteal $(LIMITED) tests
 
 test-full: $(STAMP)
 	@echo "== the test suite, with the cases that take minutes"
