@@ -104,7 +104,7 @@ os.fsync = lambda handle: None  # no test cuts the power; the disk takes 10 ms f
 # tests/exact kept 893 MB, and test_differentiable.py with tests/reduction went up to 1,143 MB in place of 843, in the
 # same processor time.
 PROCESS, MOST_BYTES = psutil.Process(), 1 << 29
-KEPT = [MOST_BYTES]  # bytes after memory was freed; it is freed again when they have grown by a third of MOST_BYTES
+KEPT = [MOST_BYTES]  # bytes after memory was freed; it is freed again when they have grown by an eighth of MOST_BYTES
 
 
 def pytest_collection_finish() -> None:
@@ -129,7 +129,7 @@ def _free() -> None:
 def memory_is_freed() -> Iterator[None]:
     """Recordings are kept from test to test, until something is patched or memory has grown."""
     yield
-    if PROCESS.memory_info().rss > KEPT[0] + MOST_BYTES // 3:
+    if PROCESS.memory_info().rss > KEPT[0] + MOST_BYTES // 8:
         _free()
 
 
