@@ -137,12 +137,17 @@ class ClosedForm:
             rows.at(mended, 0, k[wrong].astype(object) * dt, np.broadcast_to(exponent, wrong.shape))
             out[wrong, lane] = mended[:, 0]
 
-    def _signs(self, times: Array) -> Array:
-        """The signs of quaternions of jumps in the continuous motion; 0 where doubles cannot tell them."""
+    @cached_property
+    def _periods(self) -> tuple[Array, Array]:
+        """Of the nutation of tops, and the signs that they give the quaternions."""
         scheme, jump = self._scheme, cast("Jump", self._orbits.jump)
         m, b, p, *_ = jump.begin(*algebra.restore(self._start, scheme.kinds, scheme.n), **scheme.constants)
+        return periods_of(m, b, np.broadcast_to(p, b.shape))
+
+    def _signs(self, times: Array) -> Array:
+        """The signs of quaternions of jumps in the continuous motion; 0 where doubles cannot tell them."""
         with np.errstate(all="ignore"):  # of tops of other forms, as without gravity
-            period, sign = periods_of(m, b, np.broadcast_to(p, b.shape))
+            period, sign = self._periods
             phase = times[:, None] / period
         count = np.rint(phase)
         close = abs(abs(phase - count) - 0.5) < CLOSE * (1 + abs(count))
