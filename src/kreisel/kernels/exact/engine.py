@@ -139,7 +139,7 @@ class ClosedForm:
 
     @cached_property
     def _periods(self) -> tuple[Array, Array]:
-        """Of the nutation of tops, and the signs that they give the quaternions."""
+        """Periods of the nutation of tops, and the signs that they give the quaternions."""
         scheme, jump = self._scheme, cast("Jump", self._orbits.jump)
         m, b, p, *_ = jump.begin(*algebra.restore(self._start, scheme.kinds, scheme.n), **scheme.constants)
         return periods_of(m, b, np.broadcast_to(p, b.shape))
