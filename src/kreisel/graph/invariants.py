@@ -65,7 +65,7 @@ class Program:
 
     @property
     def form(self) -> tuple[bool, tuple[tuple[int, int], ...]]:
-        """Whether it binds an orientation, and its parts: the code for its tables depends on no more."""
+        """All of it on which the code for its tables depends: whether it binds an orientation, and its parts."""
         return self.first > 0, self.parts
 
     @property
