@@ -92,6 +92,28 @@ def test_a_flow_that_is_not_of_the_energy(n: int) -> None:
             run(system(flow=wrong), c)
 
 
+def test_an_inverse_inertia_that_is_not_of_the_energy() -> None:
+    """H = |M|^2/2 + V has dH/dM = M: with a lost factor, or if H is no sum T(M) + V, `variational` moves otherwise."""
+
+    def coupled_flow(M: Any, P: Any, *, c: Any) -> Any:  # of H + |M|^2 P_1
+        size = 1 + 2 * P[..., 0]
+        return wedge(c * P + pairing(M, M) * np.array([1, 0, 0]), P), -size * act(M, P)
+
+    def coupled(M: Any, P: Any, *, c: Any) -> Any:
+        return energy(M, P, c=c) + P[..., 0] * pairing(M, M)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run(system(inverse_inertia=lambda M: M))
+        run(system(flow=coupled_flow, energy=coupled))
+    for wrong in (
+        system(inverse_inertia=lambda M: 2 * M),
+        system(flow=coupled_flow, energy=coupled, inverse_inertia=lambda M: M),
+    ):
+        with pytest.warns(kr.InputWarning, match=r"mine: expected inverse_inertia\(M\) = dH/dM"):
+            run(wrong)
+
+
 def test_letters_and_fields_of_a_record() -> None:
     with pytest.raises(kr.InputError, match=r"expected one of .*vector.* got 'vektor'\. Did you mean 'vector'"):
         Parameter("c", "vektor", "")

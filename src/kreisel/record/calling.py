@@ -120,7 +120,7 @@ def _loaded(function: bytes) -> Portable:
 def require_functions(model: Model) -> None:
     """Raises `InputError` for functions of a user-defined record that lack arguments or return other shapes.
 
-    `InputWarning` if flow and energy contradict each other.  Once for each record and n; the laws test more.
+    `InputWarning` if flow, energy and inverse_inertia do not fit.  Once for each record and n; the laws test more.
     """
     system = model.system
     if "_origin" in vars(system) or system.perturbation is not None or system.product or system.numbers == "jax":
@@ -200,7 +200,7 @@ def _require_kind(label: str, kind: str, value: Array, shape: tuple[int, ...]) -
 
 
 def _require_fit(model: Model, state: tuple[Array, ...], constants: Mapping[str, Any]) -> None:
-    """Warns unless F' = {H, F} for the coordinates F, at one point."""
+    """Warns unless F' = {H, F} for the coordinates F, and inverse_inertia(M) = dH/dM, at one point."""
     space, n = model.system.space, model.n
     z = flatten(state, space.kinds)
 
@@ -224,3 +224,12 @@ def _require_fit(model: Model, state: tuple[Array, ...], constants: Mapping[str,
             f"another {', '.join(f'{k}{chr(39)}' for k in places)}. Usual cause: a sign, a factor, or the other frame. "
             "Methods use one or the other; kreisel.lab.laws.check(system) tests all claims."
         )
+    system = model.system
+    if system.inverse_inertia is not None and system.spin is None and space.of_body:
+        Omega = flatten((call(system.inverse_inertia, state[:1], constants),), ("skew",))
+        if abs(Omega - slope[: len(Omega)]).max() > FIT * abs(slope).max():
+            doubt(
+                f"{system.name}: expected inverse_inertia(M) = dH/dM of the energy H, got another matrix. Usual "
+                "cause: a factor, moments for their inverses, or an energy that is not T(M) + V. "
+                "method='variational' uses it; kreisel.lab.laws.check(system) tests all claims."
+            )
