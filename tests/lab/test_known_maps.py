@@ -10,7 +10,7 @@ import pytest
 
 from kreisel.algebra import objects
 from kreisel.errors import InputError
-from kreisel.lab import growth, integrals
+from kreisel.lab import darboux as darboux_module, growth, integrals
 from kreisel.lab.darboux import darboux
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.growth import singularities
@@ -139,3 +139,31 @@ def test_six_degrees_tell_a_quadratic(after: int) -> None:
     assert (
         growth.fitted_growth((1, 2, 4, 8, 16, 31)).power != 2
     )  # 16 regions of a circle: a polynomial of degree 4 later
+
+
+def test_the_cofactor_det_f_is_tried_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every biquadratic of the pencil of a QRT map is an inverse density. [Quispel, Roberts, Thompson 1988]
+
+    det f' has powers of five factors, more than the hundreds of smaller products: this map was undecided.
+    """
+    monkeypatch.setattr(darboux_module, "MOST_COFACTORS", 1)
+    A, B = np.array([[0, 0, 0], [-1, 2, -1], [1, -1, 0]]), np.array([[2, -2, 1], [0, 1, 1], [-1, 1, 1]])
+
+    def other_root(x, y, A, B):  # of (x^2, x, 1) (A + t B) (y^2, y, 1) for the same y and t
+        Y = np.array([y * y, y, 1], dtype=object)
+        f = np.cross(A.astype(object) @ Y, B.astype(object) @ Y)
+        return (f[0] - x * f[1]) / (f[1] - x * f[2])
+
+    def step(x):
+        new = other_root(x[0], x[1], A, B)
+        return objects([new, other_root(x[1], new, A.T, B.T)])
+
+    found = darboux(subject(step, names=("x", "y")), 4)
+    assert len(found.polynomials) == 2 and len(found.integrals) == 1 and found.densities
+    for seed in (0, 1):
+        x = rational_point(2, seed)
+        duals = step(independent(x))
+        new, (a, b) = np.array([v.value for v in duals], dtype=object), slopes(duals, 2).astype(object)
+        det = a[0] * b[1] - a[1] * b[0]
+        assert all(abs(P(new)) == abs(det * P(x)) for P in found.polynomials)
+        assert all(value(f, new) == value(f, x) != value(f, x + 1) for f in found.integrals)

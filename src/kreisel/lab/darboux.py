@@ -65,7 +65,7 @@ def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
     for d in range(1, degree + 1):
         exponents = list(monomials(subject.dim, d))
         data = {p: _points(subject, factors, p, 3 * len(exponents) + SPARE, seed) for p in PRIMES}
-        for powers in _powers(factors, poles, most, d):
+        for powers in _powers(factors, poles, most, d, jacobian[1]):
             for c in _numbers(data[PRIMES[0]], powers, exponents):
                 products = _products(polynomials, cofactors, (c, powers), exponents)
                 for terms in _of_cofactor(data, (c, powers), exponents, products):
@@ -75,8 +75,8 @@ def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
     return Darboux(tuple(polynomials), tuple(cofactors), tuple(factors), conserved, densities)
 
 
-def _powers(factors: list[Polynomial], poles: Powers, most: int, d: int) -> list[Powers]:
-    """Powers k of the factors that P(f(x)) / P(x) of degree d may have, the smallest first.
+def _powers(factors: list[Polynomial], poles: Powers, most: int, d: int, jacobian: Powers) -> list[Powers]:
+    """Powers k of the factors that P(f(x)) / P(x) of degree d may have: of det f', then the smallest first.
 
     P(f(x)) = N / D^d, D the common denominator, with the factors to the powers `poles`: a factor of N and of P counts.
     """
@@ -89,7 +89,8 @@ def _powers(factors: list[Polynomial], poles: Powers, most: int, d: int) -> list
         for powers in itertools.islice(itertools.product(*ranges), 200_000)
         if lowest <= sum(size * k for size, k in zip(sizes, powers, strict=True)) <= lowest + d * most
     )
-    return sorted(candidates, key=lambda powers: sum(map(abs, powers)))[:MOST_COFACTORS]
+    smallest = sorted(candidates, key=lambda powers: sum(map(abs, powers)))
+    return [jacobian, *(powers for powers in smallest if powers != jacobian)][:MOST_COFACTORS]
 
 
 def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int, Powers]:

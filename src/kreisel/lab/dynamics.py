@@ -26,6 +26,7 @@ from kreisel.lab.subject import Subject, float_start
 EVERY = (10, 3, 1)  # steps between two orthogonalizations: fewer if the vectors come too close in them
 RESOLVED = 23.0  # logarithm of the ratio of lengths that a QR decomposition resolves to 1e-6
 PARTS = 10  # of an orbit, for the uncertainty of an exponent
+FEWEST = 100 * PARTS  # steps of an orbit
 ALIGNED = 1e-12  # SALI below which two vectors are one, but for rounding
 CLEAR = 5.0  # exponents above CLEAR log(T)/T do not belong to a regular orbit
 FURTHEST = 1e8  # an orbit beyond it has escaped
@@ -194,8 +195,8 @@ def dynamics(
 
     Raises `InputError` for a step that cannot be recorded, and `RunError` for orbits that escape.
     """
-    if steps < 100 * PARTS:
-        raise InputError(f"steps must be {100 * PARTS} or more, got {steps}.")
+    if steps < FEWEST:
+        raise InputError(f"steps must be {FEWEST} or more, got {steps}.")
     x = float_start(subject, seed) if x is None else np.asarray(x, dtype=np.float64)
     frame = tangents(subject, x, count, seed)
     apart = tangents(subject, x, None if count is None else max(2, count), seed + 1)  # these are only scaled

@@ -18,6 +18,7 @@ import numpy as np
 from kreisel.bodies import find
 from kreisel.errors import InputError, explained, shown
 from kreisel.files import place, written
+from kreisel.lab.dynamics import FEWEST
 from kreisel.lab.exact import fraction
 from kreisel.lab.integrals import TooLarge
 from kreisel.lab.questions import QUESTIONS, Answer, Clues, verdict
@@ -106,7 +107,7 @@ def _literal(text: str) -> str:
     return text.replace("[", r"\[")
 
 
-RANGES = {"n": (1, 64), "degree": (0, 12), "iterates": (0, 40), "steps": (1, 10**9), "seed": (0, 2**63)}
+RANGES = {"n": (1, 64), "degree": (0, 12), "iterates": (0, 40), "steps": (FEWEST, 10**9), "seed": (0, 2**63)}
 
 
 @explained
