@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel import algebra
@@ -124,7 +125,8 @@ def test_special_motions(name: str, g: object, monkeypatch: pytest.MonkeyPatch) 
             assert off(got[k, 0], want[k]) < RIGHT
         run = kr.at(top, state, TIMES, orientation=g)
         asked = np.concatenate([run[letter].values for letter in top.system.space.letters], -1)
-        assert (asked == (got[:, 0, :6] if right.all() else want[:, :6])).all()
+        sign_unknown = g is not None and name in ("no gravity", "pendulum going round")
+        assert (asked == (got[:, 0, :6] if right.all() and not sign_unknown else want[:, :6])).all()
 
 
 def test_symmetric_top(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,6 +249,24 @@ def test_the_sign_of_a_period_is_known() -> None:
     """But for a few slow tops."""
     period, sign = periods_of(*wide_tops(1000))
     assert (period > 0).all() and (abs(sign) == 1).mean() > 0.98 and 0.2 < (sign < 0).mean() < 0.9
+
+
+def test_kr_at_of_single_times_has_the_sign_of_the_continuous_quaternion() -> None:
+    """That of q' = omega q/2 from time 0 on, with m' = p x a, a' = m x a and omega along a by the moments."""
+    alpha, times = 0.7, [-21.0, 8.0, 17.0]
+    for m, a, p in zip(*wide_tops(4), strict=True):
+
+        def rates(_: float, y: np.ndarray, p: np.ndarray = p) -> np.ndarray:
+            m, a, (w, *u) = y[:3], y[3:6], y[6:]
+            omega = m + (1 / alpha - 1) * (m @ a) / (a @ a) * a
+            q = np.array([-(omega @ u), *(w * omega + np.cross(omega, u))])
+            return np.concatenate([np.cross(p, a), np.cross(m, a), q / 2])
+
+        unit = 1 / np.sqrt(np.linalg.norm(m) ** 2 + np.linalg.norm(a) * np.linalg.norm(p))
+        for t in times:
+            y = solve_ivp(rates, (0, t * unit), [*m, *a, *TURNED], method="DOP853", rtol=1e-8, atol=1e-8).y[6:, -1]
+            g = kr.at(kr.LagrangeTop(p=p, alpha=alpha), {"m": m, "a": a}, t * unit, orientation=TURNED, observe=()).g
+            assert y @ g.values > 0.999
 
 
 @pytest.mark.parametrize("frame", ["rest", "moving"])

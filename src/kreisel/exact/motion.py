@@ -56,6 +56,7 @@ LARGEST = 1e150  # of an integral: products of two must not overflow
 SHORT = 2.0**-60  # of half a period: shorter motions have a clock that ends with them, not one of 128 places
 SMALL = 40  # binary places: smaller sizes and rates, relative to a part, have as many more
 LEAPT = 8  # as a power of two
+MOST_HALVINGS = 4  # of half a period, until D_eps makes the flow over it
 
 MotionState = tuple[Array, Array, Array]
 NONE, UNTURNED = Fraction(0), np.array([1.0, 0.0, 0.0, 0.0])
@@ -420,41 +421,58 @@ def half_turns(a: Array, b: Array) -> Array:
 def periods_of(m: Array, b: Array, p: Array) -> tuple[Array, Array]:
     """The periods 2 omega_1 of tops, from axial m, b, p (..., 3), and the signs that a period gives the quaternions.
 
-    The flow over omega_1 is D_eps twice, x0 = x3 + w, w^2 = (x3 - x1)(x3 - x2), and rotations about p and b; that over
-    -omega_1 has -eps; a period carries one to the other, by Rot_p(theta_P) and its dual.  By the duplication of R_J the
-    angles over omega_1 and twice omega_1/2 differ by an arctangent.  In doubles; the sign is 0 where no real eps leads
+    The flow over omega_1 is N times D_eps and rotations about p and b; that over -omega_1 has -eps; a period carries
+    one to the other, by Rot_p(theta_P) and its dual.  By the duplication of R_F and R_J x0 is reached from x3, and the
+    angles over omega_1 and N times omega_1/N differ by arctangents.  In doubles; the sign is 0 where no real eps leads
     so far.  [docs/exact.md]
     """
     from scipy.special import elliprf
 
     integrals: Any = Integrals.of(m, b, p)  # of arrays
-    (U, V), (A, P2, J, c, E) = integrals.depressed, astuple(integrals)
+    U, V = integrals.depressed
     size = np.sqrt(-U / 3)
     angle = np.arccos(np.clip(-V / (2 * size**3), -1, 1))
-    x1, x2, x3 = (2 * size * np.cos((angle - 2 * np.pi * k) / 3) - 4 * E / 3 for k in (2, 1, 0))
-    x0, sides = x3 + np.sqrt((x3 - x1) * (x3 - x2)), np.sqrt(x3 - x1) + np.sqrt(x3 - x2)
+    roots = tuple(2 * size * np.cos((angle - 2 * np.pi * k) / 3) - 4 * integrals.E / 3 for k in (2, 1, 0))
+    sign = _sign_of_period(1, roots, integrals, m, b, p)
+    if (sign == 0).any():
+        sign = np.where(sign == 0, _sign_of_period(MOST_HALVINGS, roots, integrals, m, b, p), sign)
+    x1, x2, x3 = roots
+    return 4 * elliprf(0, x3 - x1, x3 - x2), sign
+
+
+def _sign_of_period(halvings: int, roots: tuple[Array, ...], integrals: Any, m: Array, b: Array, p: Array) -> Array:
+    count, x3, (A, P2, J, c, E) = 2**halvings, roots[2], astuple(integrals)
+    x0, sums = x3, []  # and for each duplication what is to be added to x0, and two sums over the roots of x0 - x_i
+    for _ in range(halvings):
+        f, g, h = (np.sqrt(np.maximum(x0 - x, 0)) for x in roots)
+        sums.append((x0, f + g + h, f * g * h))
+        x0 = x0 + f * g + g * h + h * f
     eps, s = 2 / np.sqrt(x0), 1 / x0
+    x1, x2, x3 = roots
     r = squared_length(s, np.sqrt((1 - s * x1) * (1 - s * x2) * (1 - s * x3)), A, J, c, E)
 
     def half(P2: Array, c: Array, K: Array) -> Array:
-        """Half of twice theta less theta_P."""
-        beyond = np.arctan2(K / np.sqrt(P2), (x3 + c * c / P2) * sides)
-        return np.asarray(beyond - np.pi / 2 - 2 * np.arctan(eps * c / np.sqrt(4 * P2)))
+        """Half of `count` times twice theta and of theta_P, with the other sign."""
+        beyond = sum(
+            2**k * np.arctan2(K / np.sqrt(P2), (x + c * c / P2) * added + product)
+            for k, (x, added, product) in enumerate(sums)
+        )
+        return np.asarray(beyond - np.pi / 2 - count * np.arctan(eps * c / np.sqrt(4 * P2)))
 
     def turn(axis: Array, angle: Array) -> Array:
         return algebra.quaternion(np.cos(angle), algebra.vec(np.sin(angle)) * algebra.unit(axis))
 
-    def twice(eps: Array) -> Array:
+    def mapped(eps: Array) -> Array:
         hat_m, old, q = algebra.hat(m), b, UNTURNED
-        for _ in range(2):
+        for _ in range(count):
             hat_m, new, a = darboux(hat_m, old, p, eps, r)
             q, old = algebra.quaternion_product(half_turns(a, old), q), new
         return algebra.unit(q)
 
-    right = 4 * np.arctan(eps * J / np.sqrt(4 * A)) - half(A, -J, integrals.dual.K)
-    before = algebra.quaternion_product(turn(p, half(P2, c, integrals.K)), twice(eps))
-    alike = algebra.dot(algebra.quaternion_product(before, turn(b, right)), twice(-eps))
-    return 4 * elliprf(0, x3 - x1, x3 - x2), np.where(abs(alike) > 0.9, np.sign(alike), 0.0)
+    right = 2 * count * np.arctan(eps * J / np.sqrt(4 * A)) - half(A, -J, integrals.dual.K)
+    before = algebra.quaternion_product(turn(p, half(P2, c, integrals.K)), mapped(eps))
+    alike = algebra.dot(algebra.quaternion_product(before, turn(b, right)), mapped(-eps))
+    return np.where(abs(alike) > 0.9, np.sign(alike), 0.0)
 
 
 def _unit_vector(x: Array) -> Array:

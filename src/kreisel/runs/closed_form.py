@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.exact.motion import TopMotion
@@ -17,7 +16,6 @@ from kreisel.exact.nutation import Integrals, MpNumber, Nutation, mp_number
 from kreisel.method import default_method, find, scheme
 from kreisel.method.conjugate import has_points
 from kreisel.method.exact import motion_of_top
-from kreisel.method.scheme import ORIENTATION, Jump
 from kreisel.record.body import Body, as_body
 from kreisel.record.values import in_lane
 from kreisel.runs.describing import in_memory
@@ -95,8 +93,6 @@ def at(
     plan.engine = ClosedForm(plan.scheme, plan.first, step, float(abs(flat).max()))
     with np.errstate(all="ignore"):
         states = plan.observe(plan.engine.at(flat))
-    if ORIENTATION in states and isinstance(getattr(plan.scheme.orbits, "jump", None), Jump):
-        states[ORIENTATION] = algebra.continued(states[ORIENTATION], flat)  # signs of jumps are arbitrary
     _require_finite(plan, states)
     with np.errstate(all="ignore"):
         run = in_memory(plan, [states], wanted * step)

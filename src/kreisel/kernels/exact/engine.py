@@ -125,17 +125,22 @@ class ClosedForm:
 
     def _leap(self, out: Floats, every: int) -> None:
         k = self._done + every * np.arange(1, len(out) + 1)
-        out[:], right = self._jumps.at(self._start, k.astype(np.float64), self._unit)
-        if isinstance(self._orbits.jump, Jump) and ORIENTATION in dict(self._scheme.components):
-            first, signs = self._scheme.column_of(ORIENTATION), self._signs(k * self._unit)
-            out[..., first : first + 4] *= signs[..., None]
-            right &= signs != 0
+        out[:], right = self._leapt(k.astype(np.float64), self._unit)
         for lane, rows in self._lanes(np.flatnonzero(~right.all(0)).tolist()).items():
             wrong = np.flatnonzero(~right[:, lane])
             mended = np.empty((len(wrong), 1, out.shape[-1]))
             dt, exponent = self._dyadic
             rows.at(mended, 0, k[wrong].astype(object) * dt, np.broadcast_to(exponent, wrong.shape))
             out[wrong, lane] = mended[:, 0]
+
+    def _leapt(self, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:
+        """Jumps to the times, with the signs of quaternions in the continuous motion, and which of them are right."""
+        out, right = self._jumps.at(self._start, times, unit)
+        if isinstance(self._orbits.jump, Jump) and ORIENTATION in dict(self._scheme.components):
+            first, signs = self._scheme.column_of(ORIENTATION), self._signs(times * unit)
+            out[..., first : first + 4] *= signs[..., None]
+            right &= signs != 0
+        return out, right
 
     @cached_property
     def _periods(self) -> tuple[Array, Array]:
@@ -180,7 +185,7 @@ class ClosedForm:
         if self._orbits.jump is None or len(times) > jumps.FEW:
             out, which = np.empty((len(times), *self.z.shape)), list(range(len(self.z)))
         else:
-            out, right = self._jumps.at(self._start, times)
+            out, right = self._leapt(times)
             if right.all():
                 return out
             which = np.flatnonzero(~right.all(0)).tolist()
