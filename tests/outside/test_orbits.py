@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import rebound
 from astropy.time import Time
+from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from sgp4.api import WGS72, Satrec
 from sgp4.conveniences import sat_epoch_datetime
@@ -127,6 +129,28 @@ def test_an_orbit_through_a_state(name: str) -> None:
         assert orbit.eccentricity == pytest.approx(0.1712, abs=1e-4)
 
 
+def over_an_oblate_earth(t: float, state: Any) -> Any:
+    """Vallado, Fundamentals of Astrodynamics, equation 8-30."""
+    r = state[:3]
+    size = np.linalg.norm(r)
+    by_j2 = 1.5 * EARTH.J2 * (EARTH.radius / size) ** 2 * (np.array([1, 1, 3]) - 5 * (r[2] / size) ** 2)
+    return [*state[3:], *(-EARTH.mu / size**3 * (1 + by_j2) * r)]
+
+
+@pytest.mark.parametrize("name", ["sun-synchronous", "Molniya"])
+def test_an_orbit_with_j2_through_a_state_is_near_for_a_day(name: str) -> None:
+    """Within the oscillations of some km, by SciPy; its energy, and so its period, at any place of the orbit."""
+    for anomaly in (0.0, 1.0):
+        r, v = replace(ORBITS[name], mean_anomaly=anomaly).at(0.0)
+        times = np.linspace(0, 86_400, 25)
+        path = solve_ivp(over_an_oblate_earth, (0, 86_400), [*r, *v], "DOP853", times, rtol=1e-9, atol=1e-3).y[:3].T
+        with_j2, without = (
+            np.linalg.norm(Orbit.from_state(r, v, J2=j).at(times)[0] - path, axis=-1) for j in (True, False)
+        )
+        assert with_j2[0] < 1e-6 and with_j2.max() < 30e3
+    assert without.max() > 40e3  # negative control
+
+
 TLE = (  # the space station, from the documentation of sgp4
     "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",
     "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
@@ -180,10 +204,14 @@ def test_tables_of_an_ephemeris() -> None:
     """Dates at unequal steps; with velocities of a flyby, on no ellipse, by REBOUND's integrator."""
     steps = np.cumsum(np.random.default_rng(1).uniform(40, 80, 100)).round(3)
     epoch = np.datetime64("2026-03-20T14:46:00", "ms")
-    orbit = Orbit.from_table(epoch + np.rint(1e3 * (steps - steps[0])).astype("timedelta64[ms]"), by_sgp4(steps))
+    dates = epoch + np.rint(1e3 * (steps - steps[0])).astype("timedelta64[ms]")
+    orbit = Orbit.from_table(dates, by_sgp4(steps))
     t = np.random.default_rng(2).uniform(300, steps[-1] - steps[0] - 300, 100)
     assert orbit.days == pytest.approx(Time("2026-03-20T14:46:00", scale="utc").jd - 2451545.0, abs=1e-9)
     assert abs(orbit.at(t)[0] - by_sgp4(steps[0] + t)).max() < 0.1
+    later = Orbit.from_table(dates, by_sgp4(steps), epoch="2026-03-20T14:50:00")
+    assert later.days == pytest.approx(Time("2026-03-20T14:50:00", scale="utc").jd - 2451545.0, abs=1e-9)
+    assert abs(later.at(t - 240)[0] - by_sgp4(steps[0] + t)).max() < 0.1
     sim = about(orbit)
     sim.add(x=-5e7, y=2e7, vx=5e3)
     states = []

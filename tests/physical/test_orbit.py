@@ -80,6 +80,7 @@ BAD: dict[str, tuple[Callable[[], object], str]] = {
     "no J2": (lambda: Orbit(1e12, primary=SUN, J2=True), "expected a primary with J2, got Sun"),
     "escape": (lambda: Orbit.from_state((7e6, 0, 0), (0, 11.2e3, 0)), "expected a state on an ellipse"),
     "plunge": (lambda: Orbit.from_state((7e6, 0, 0), (-1e3, 0, 0)), "expected a state on an ellipse"),
+    "fall with J2": (lambda: Orbit.from_state((0, 0, 7e6), (50, 0, 0), J2=True), "hits the Earth"),
     "in km": (lambda: Orbit.from_state((7e3, 0, 0), (0, 7.5, 0)), "hits the Earth.*km for m"),
     "name of a set": (lambda: Orbit.from_tle("ISS (ZARYA)", FIRST), "line1: expected line 1 of a two-line"),
     "lines swapped": (lambda: Orbit.from_tle(SECOND, FIRST), "line1: expected line 1 of a two-line"),

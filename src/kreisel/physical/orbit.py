@@ -175,6 +175,9 @@ class Orbit:
     def from_state(cls, r: Any, v: Any, primary: Primary = EARTH, epoch: Any = None, J2: bool = False) -> Orbit:
         """The orbit through a position r (3,), m, with the velocity v (3,), m/s, in space at t = 0.
 
+        With J2 it is a mean ellipse: its energy is that of the motion over the oblate primary, averaged over a
+        revolution. So its speed at t = 0 differs from |v|, by some m/s in a low orbit, and its period is right.
+
         Raises `InputError` unless the orbit is an ellipse outside the primary.
         """
         r, v = (si_numbers(x, unit, name, ((3,),)) for x, unit, name in ((r, "m", "r"), (v, "m/s", "v")))
@@ -186,6 +189,13 @@ class Orbit:
                 f"r, v: expected a state on an ellipse, v^2 < 2 mu/r, got |r| = {size:g} m, |v| = "
                 f"{np.linalg.norm(v):g} m/s. Usual cause: km for m, or a velocity along the position."
             )
+        if J2:  # from the osculating to the mean energy: with the osculating one, 1000 km off after a day
+            cls.from_state(r, v, primary)  # raises for an orbit through the primary, which has no mean ellipse
+            sums = (3 * h[2] ** 2 / (h @ h) - 1) * (-2 * energy / (h @ h)) ** 1.5
+            sums += 2 * (3 * (r[2] / size) ** 2 - 1) / size**3
+            change = primary.mu * primary.J2 * primary.radius**2 / 4 * sums
+            v, energy = v * math.sqrt(1 + 2 * change / (v @ v)), energy + change
+            h = np.cross(r, v)
         node = math.atan2(h[0], 0.0 - h[1])  # an angle that is not defined is 0
         ascending = np.array([math.cos(node), math.sin(node), 0.0])
         across = np.cross(h / np.linalg.norm(h), ascending)
@@ -253,7 +263,7 @@ class Orbit:
     ) -> Orbit:
         """The path through positions at given times, such as an ephemeris has.
 
-        times       (k,), s from the epoch, or dates (k,) in UTC, of which the first is then the epoch; k >= 6
+        times       (k,), s from the epoch, or dates (k,) in UTC, the first of which is the default epoch; k >= 6
         positions   (k, 3), m, in an inertial frame with the pole of the primary as third axis
         velocities  (k, 3), m/s; default: the rates of a spline through the positions
 
@@ -261,11 +271,12 @@ class Orbit:
         elements `period` and the like have; with unequal times, resampled at equal ones.  Raises `InputError` for times
         that do not increase, positions inside the primary, velocities of another path, and times too unequal for that.
         """
-        dates, t = np.asarray([times]) if isinstance(times, str) else np.asarray(times), None
+        dates, t, epoch = np.asarray([times]) if isinstance(times, str) else np.asarray(times), None, _date(epoch)
         if dates.dtype.kind in "MUO":
             with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):
                 days: list[Any] = [_date(day) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
-                t, epoch = np.array([(day - days[0]).total_seconds() for day in days]), epoch or days[0]
+                first = epoch or days[0]
+                t, epoch = np.array([(day - first).total_seconds() for day in days]), first
         t = finite_floats(times, "s", "times") if t is None else t
         r = si_numbers(positions, "m", "positions")
         v = None if velocities is None else si_numbers(velocities, "m/s", "velocities")
@@ -335,8 +346,16 @@ class Orbit:
 
     @property
     def pericentre(self) -> float:
-        """The least distance from the centre of the primary, m."""
+        """The least distance of the ellipse from the centre of the primary, m."""
         return self.semi_major_axis * (1 - self.eccentricity)
+
+    @cached_property
+    def distances(self) -> tuple[float, float]:
+        """The least and the greatest distance from the centre of the primary, m; with a path, at its times."""
+        if self.path is None:
+            return self.pericentre, self.semi_major_axis * (1 + self.eccentricity)
+        r = np.linalg.norm(self.at(self.path.times)[0], axis=-1)
+        return float(r.min()), float(r.max())
 
     @property
     def days(self) -> float:

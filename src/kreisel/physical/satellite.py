@@ -502,7 +502,7 @@ def surroundings_of(body: Satellite) -> dict[str, Any]:
         out["heliocentric"] = float(sun is None)
     moves = dated if sun is None else isinstance(sun, str)
     out["eclipse"] = float(moves if eclipse is None else eclipse)
-    if out["eclipse"] and orbit.semi_major_axis * (1 + orbit.eccentricity) > SHADED * orbit.primary.radius:
+    if out["eclipse"] and orbit.distances[1] > SHADED * orbit.primary.radius:
         doubt(
             f"eclipse: expected an orbit within {SHADED:g} radii of the {orbit.primary.name}, beyond which its disc is "
             "smaller than the Sun's and light in its shadow is wrong. Give eclipse=False if it does not enter it."
@@ -535,8 +535,8 @@ def _air(body: Satellite) -> dict[str, Any]:
         _require_date(orbit, "air='harris-priester'")  # the Sun by its date
     R, f = orbit.primary.radius, orbit.primary.flattening
     orbits = [lane.orbit for lane in body._lanes] or [orbit]
-    low = min(path.semi_major_axis * (1 - path.eccentricity) for path in orbits) - R
-    high = max(path.semi_major_axis * (1 + path.eccentricity) for path in orbits) - R * (1 - f)
+    low = min(path.distances[0] for path in orbits) - R
+    high = max(path.distances[1] for path in orbits) - R * (1 - f)
     return {
         "density": 1.0,
         "air": rows_between(tables()[cast("str", body.air)], low, high),
