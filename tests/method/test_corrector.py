@@ -99,9 +99,8 @@ def test_eight_weights_leave_less_than_four() -> None:
 def test_what_is_left_of_a_harmonic(order: Any, count: int) -> None:
     """sum b exp(i y c) of C^-1, step, C against its integral, with 40 digits: off by y^(2 count + 2)."""
     with mpmath.workdps(40):
-        step = Splitting((mpmath.mpf(1) / 2,) * 2, (mpmath.mpf(1),))
-        C = composition._correcting(step, count)
-        a, b = joined(inverse(C), step, C)
+        C = composition._correcting(Splitting((mpmath.mpf(1) / 2,) * 2, (mpmath.mpf(1),)), count)
+        a, b = joined(inverse(C), composition.BETWEEN, C)
         times, found = np.cumsum(np.array(a[:-1])), []
         for y in (mpmath.mpf("0.2"), mpmath.mpf("0.1")):
             total = mpmath.fsum(w * mpmath.expj(y * t) for t, w in zip(times, b, strict=True))
@@ -156,16 +155,19 @@ def test_a_corrector_and_its_inverse() -> None:
     assert abs(out(back(z)) - z)[..., :end].max() < 1e-14 and abs(back(out(z)) - z)[..., :end].max() < 1e-14
 
 
-def test_the_step_is_that_without_a_corrector() -> None:
-    body = driven(0.2)
-    asked: dict[str, Any] = {"dt": 0.3, "steps": 1, "orientation": Q, "project": False}
-    corrected, plain = (make_plan(body, {"M": M0}, order=order, **asked) for order in ((10, 2), (2, 2)))
-    ends = []
-    for plan in (corrected, plain):
-        engine = plan.engine_at(plain.first)
-        engine.advance(np.empty((1, *engine.z.shape)), 5)
-        ends.append(engine.z)
-    assert (ends[0] == ends[1]).all()
+def test_without_weights_it_is_the_leapfrog(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last A of a step and the first one of the next are one motion."""
+    C = corrector((10, 2))
+    assert C is not None
+    asked: dict[str, Any] = {"dt": 0.3, "steps": 5, "orientation": Q}
+    corrected, plain = (kr.simulate(driven(0.2), {"M": M0}, order=order, **asked) for order in ((10, 2), (2, 2)))
+    monkeypatch.setattr(method, "corrector", lambda order: C._replace(b=tuple(0 * w for w in C.b)))
+    forget()
+    run = kr.simulate(driven(0.2), {"M": M0}, order=(10, 2), **asked)
+    forget()
+    for name in ("M", "g", "work", "energy"):
+        assert abs(run[name] - plain[name]).max() < 1e-13, name
+    assert abs(run.M - corrected.M).max() > 1e-5
 
 
 @pytest.mark.parametrize("order", CORRECTED)

@@ -171,6 +171,7 @@ class Splitting(NamedTuple):
     b: tuple[float, ...]
 
 
+BETWEEN = Splitting((1.0, 0.0), (1.0,))  # a step with a corrector: A after a kick and A before the next are one
 CORRECTED = {(10, 2): 4, (18, 2): 8}  # weights m of the corrector of a single kick, which leaves O(eps h^(2 m + 2))
 
 
@@ -178,30 +179,29 @@ CORRECTED = {(10, 2): 4, (18, 2): 8}  # weights m of the corrector of a single k
 def splitting(order: Any) -> Splitting:
     """The splitting of that order: (2 n, 2) of n kicks, a published one, or one order for all powers of eps.
 
-    Of one with a corrector the step without it.  Raises `ArithmeticError` where an order condition does not hold.
+    Of one with a corrector the step `BETWEEN`.  Raises `ArithmeticError` where an order condition does not hold.
     """
     import mpmath
 
     with mpmath.workdps(DIGITS):
         a, b = _fractions(order)
         require_conditions((2, 2) if order in CORRECTED else order, a, b)
-        return Splitting(tuple(map(float, a)), tuple(map(float, b)))
+        return BETWEEN if order in CORRECTED else Splitting(tuple(map(float, a)), tuple(map(float, b)))
 
 
 @cache
 def corrector(order: Any) -> Splitting | None:
-    """C of a splitting of that order, in fractions of a step; None without.  `inverse` is C^-1.
+    """Half of A, then C of a splitting of that order, in fractions of a step; None without.
 
-    Raises `ArithmeticError` where an order condition of C^-1, step, C does not hold.
+    Raises `ArithmeticError` where an order condition of the inverse, a step, and this does not hold.
     """
     import mpmath
 
     if order not in CORRECTED:
         return None
     with mpmath.workdps(DIGITS):
-        step = Splitting(*map(tuple, _fractions(order)))
-        result = _correcting(step, CORRECTED[order])
-        require_conditions(order, *joined(inverse(result), step, result))
+        result = _correcting(Splitting(*map(tuple, _fractions(order))), CORRECTED[order])
+        require_conditions(order, *joined(inverse(result), BETWEEN, result))
         return Splitting(tuple(map(float, result.a)), tuple(map(float, result.b)))
 
 
@@ -227,18 +227,22 @@ def require_conditions(order: Any, a: Sequence[Any], b: Sequence[Any]) -> None:
 
 
 def _correcting(step: Splitting, count: int) -> Splitting:
-    """With `count` weights w, so that sum b c^p + sum_j w_j ((1 + t_j)^p - t_j^p) = 1/(p + 1) for p <= 2 count + 1."""
+    """Half of A, and kicks by `count` weights w at the times t_j = j/2 behind and before.
+
+    sum b c^p + sum_j w_j ((1 + t_j)^p - t_j^p) = 1/(p + 1) for p <= 2 count + 1.
+    """
     import mpmath
 
-    half = mpmath.mpf(1) / 2
+    half, whole = mpmath.mpf(1) / 2, mpmath.mpf(1)  # no motion is longer than that of a step
     places = [half * j for j in range(1, count + 1)]
     powers = range(2, 2 * count + 1, 2)  # odd ones follow, by symmetry
     left = [[(1 + t) ** p - (1 - t) ** p for t in places] for p in powers]
     right = [ordered_integral((p,)) - ordered_sum(step.a, step.b, (p,)) for p in powers]
     weights = list(mpmath.lu_solve(mpmath.matrix(left), mpmath.matrix(right)))
-    nothing = [mpmath.mpf(0)] * (count - 1)  # on the way there and back: no motion is longer than half a step
-    b = [*nothing, *(-w for w in weights[::-1]), mpmath.mpf(0), *weights, *nothing]
-    return Splitting((*[-half] * count, *[half] * (2 * count), *[-half] * count), tuple(b))
+    steps = count // 2
+    nothing = [0 * whole] * (steps - 1)  # on the way there and back
+    b = [*nothing, *(-w for w in weights[::-1]), 0 * whole, *weights, *nothing]
+    return Splitting((*[-whole] * (steps - 1), -half, *[half] * (2 * count), *[-whole] * steps), tuple(b))
 
 
 def _fractions(order: Any) -> tuple[list[Any], list[Any]]:

@@ -9,8 +9,9 @@ the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds i
 which is exact for one kind, else off by O(eps^3 h^3); three times in a row it is off by O(eps^5 h^5), where the order
 asks for that.
 
-A corrector is a step of the same parts by other values, which ends at the time where it began: its inverse prepares
-the start, and rows are taken through it when they are observed.
+A step with a corrector is A for h, B: the last A of a step and the first one of the next are one motion.  Half of A
+and the corrector, a step of the same parts by other values, take rows from there to their time when they are observed;
+their inverse prepares the start.
 
 The momenta of wheels are coordinates that B moves, with the torques of their motors; in A they are constant.
 
@@ -83,6 +84,8 @@ class Splitting:
         driven.require_orientation(model, oriented)
         self.timed, self.driven = self.record.names(TIME), self.record.driven
         self.fractions = splitting(order)
+        self.closes = self.fractions.a[-1] != 0  # else a step begins and ends behind a kick
+        self.start = 0.0 if self.closes else -0.5  # of a step before its time, in steps
         self.integrable: Integrable = integrable(model)
         self.turns = turns_of(model, all_turns)
         if kicks.changes_its_loads(model.system) and order in (6, 8):
@@ -186,7 +189,14 @@ class Splitting:
         state, g, work = flow(body, g, _kick, constants, pulled)
         if self.driven:
             carried[WORK] = carried[WORK] + work
+        if not self.closes:
+            self.count_step(carried, constants)
         return (*state, *g, *carried.values())
+
+    def count_step(self, carried: dict[str, Array], constants: Constants) -> None:
+        """Count this step, or none if it is a corrector."""
+        if self.timed:
+            carried[COUNT] = carried[COUNT] + constants["_whole"]
 
     def where(self, z: State, constants: Constants) -> Body:
         """The body at a node of the step."""
@@ -202,12 +212,10 @@ class Splitting:
         """The time at a node of the step."""
         return (carried[COUNT] + node) * (constants["_dt"] * TICKS) if self.timed else None
 
-    def close(self, *z: Array, _last: Array, _whole: Array, **constants: Array) -> State:
-        """The last A, and the count of steps: 1, 0 of a corrector."""
-        state, g, carried = self.apart(z)
-        state, g, carried = self.moved(state, g, carried, _last, {**constants, "_kicked": _whole})
-        if self.timed:
-            carried[COUNT] = carried[COUNT] + _whole
+    def close(self, *z: Array, _last: Array, **constants: Array) -> State:
+        """The last A."""
+        state, g, carried = self.moved(*self.apart(z), _last, constants)
+        self.count_step(carried, constants)
         return (*state, *g, *carried.values())
 
     def moved(
@@ -285,7 +293,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
     if pairs_of(model) is not None and model.n > COUPLED_N:
         raise too_large_to_couple("splitting", model.n)
     body = Splitting(model, dt, order, oriented, all_turns)
-    constants, stages = _numbers(body, body.fractions, 1.0)
+    constants, stages = _numbers(body, body.fractions, body.start, 1.0)
     correcting = corrector(order)
     guard = Guard(
         f"A part of the step is longer than {body.integrable.name} is precise for",
@@ -294,13 +302,12 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         REACH,
         1.0,
     )
+    close = body.close if body.closes else None
     coupling = driven.coupling_of(model, body.where, body.driven, {"_node": np.zeros(()), "_dt": np.array(dt / TICKS)})
     return scheme_of(
         "splitting",
         model,
-        Steps(body.step, body.close)
-        if coupling is None
-        else CoupledSteps(body.drift, body.kick, coupling.forces, body.close),
+        Steps(body.step, close) if coupling is None else CoupledSteps(body.drift, body.kick, coupling.forces, close),
         _observer(body, order),
         components=(*with_orientation(model, oriented), *body.extra.items()),
         constants={**of_bodies(model), **constants},
@@ -310,19 +317,21 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         reopen=body.begin,
         options={"order": order},
         dt_in_constants=True,
-        order_in_motion=body.parts,
+        order_in_motion=(body.parts, body.closes),
         guard=guard if body.integrable.reach is not None else None,
         coupling=coupling,
         corrector=None
         if correcting is None
-        else Corrector(_numbers(body, correcting, 0.0), _numbers(body, inverse(correcting), 0.0)),
+        else Corrector(_numbers(body, correcting, body.start, 0.0), _numbers(body, inverse(correcting), 0.0, 0.0)),
     )
 
 
-def _numbers(body: Splitting, parts: Fractions, count: float) -> Numbers:
-    """The constants of a sequence of these parts that lasts so many steps."""
+def _numbers(body: Splitting, parts: Fractions, start: float, count: float) -> Numbers:
+    """The constants of a sequence of these parts from `start`, in steps, that lasts so many steps."""
     (a, b), dt = map(np.array, parts), body.dt
-    stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
+    if not body.closes and a[-1]:  # the last A of a corrector is that of a stage, with a kick of 0
+        a, b = np.append(a, 0.0), np.append(b, 0.0)
+    stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": start + np.cumsum(a[:-1])}
     if body.record.sampled:
         stages["_first"] = np.arange(len(b)) == 0.0
     if body.divided:
