@@ -42,7 +42,6 @@ NAMED_BY_USERS = {  # parameters and methods of the interface
     ("lab/brackets.py", "more"),  # kr.lab.lax(more=)
     ("runs/run_record.py", "what"),  # kr.cite(what)
 }
-STORED = {("method/splitting.py", "_whole")}  # a constant of the step, by which checkpoints call it
 OF_A_STEP = {  # the record `Part`: a function that kernels call in order
     ("graph/recording.py", "part"),
     ("kernels/adjoint.py", "part"),
@@ -137,7 +136,7 @@ def test_names_tell_what_they_hold() -> None:
         for path in SOURCE.rglob("*.py")
         for name in fillers(path.read_text(encoding="utf-8"))
     }
-    allowed = NAMED_BY_USERS | STORED | OF_A_STEP | ARCHIVES
+    allowed = NAMED_BY_USERS | OF_A_STEP | ARCHIVES
     assert not bound - allowed, f"rename to what it holds: {sorted(bound - allowed)}"
     assert not allowed - bound, f"no longer bound, delete them from the list: {sorted(allowed - bound)}"
 

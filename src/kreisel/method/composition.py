@@ -171,7 +171,7 @@ class Splitting(NamedTuple):
     b: tuple[float, ...]
 
 
-BETWEEN = Splitting((1.0, 0.0), (1.0,))  # a step with a corrector: A after a kick and A before the next are one
+BETWEEN = Splitting((1.0, 0.0), (1.0,))  # a step with a corrector: A after a kick is merged with A before the next
 CORRECTED = {(10, 2): 4, (18, 2): 8}  # weights m of the corrector of a single kick, which leaves O(eps h^(2 m + 2))
 
 
@@ -226,23 +226,23 @@ def require_conditions(order: Any, a: Sequence[Any], b: Sequence[Any]) -> None:
             raise ArithmeticError(f"splitting {order}: the condition of eps^{k} on {degrees} is off by {off}")
 
 
-def _correcting(step: Splitting, count: int) -> Splitting:
+def _correcting(leapfrog: Splitting, count: int) -> Splitting:
     """Half of A, and kicks by `count` weights w at the times t_j = j/2 behind and before.
 
     sum b c^p + sum_j w_j ((1 + t_j)^p - t_j^p) = 1/(p + 1) for p <= 2 count + 1.
     """
     import mpmath
 
-    half, whole = mpmath.mpf(1) / 2, mpmath.mpf(1)  # no motion is longer than that of a step
+    half, step = mpmath.mpf(1) / 2, mpmath.mpf(1)  # no motion is longer than a step
     places = [half * j for j in range(1, count + 1)]
     powers = range(2, 2 * count + 1, 2)  # odd ones follow, by symmetry
     left = [[(1 + t) ** p - (1 - t) ** p for t in places] for p in powers]
-    right = [ordered_integral((p,)) - ordered_sum(step.a, step.b, (p,)) for p in powers]
+    right = [ordered_integral((p,)) - ordered_sum(leapfrog.a, leapfrog.b, (p,)) for p in powers]
     weights = list(mpmath.lu_solve(mpmath.matrix(left), mpmath.matrix(right)))
     steps = count // 2
-    nothing = [0 * whole] * (steps - 1)  # on the way there and back
-    b = [*nothing, *(-w for w in weights[::-1]), 0 * whole, *weights, *nothing]
-    return Splitting((*[-whole] * (steps - 1), -half, *[half] * (2 * count), *[-whole] * steps), tuple(b))
+    nothing = [0 * step] * (steps - 1)  # on the way there and back
+    b = [*nothing, *(-w for w in weights[::-1]), 0 * step, *weights, *nothing]
+    return Splitting((*[-step] * (steps - 1), -half, *[half] * (2 * count), *[-step] * steps), tuple(b))
 
 
 def _fractions(order: Any) -> tuple[list[Any], list[Any]]:

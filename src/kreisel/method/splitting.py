@@ -9,9 +9,9 @@ the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds i
 which is exact for one kind, else off by O(eps^3 h^3); three times in a row it is off by O(eps^5 h^5), where the order
 asks for that.
 
-A step with a corrector is A for h, B: the last A of a step and the first one of the next are one motion.  Half of A
-and the corrector, a step of the same parts by other values, take rows from there to their time when they are observed;
-their inverse prepares the start.
+A step with a corrector is A for h, B: the last A of a step is merged with the first A of the next.  Half of A and the
+corrector, a step of the same parts by other values, move rows to their time when they are observed; their inverse
+prepares the start.
 
 The momenta of wheels are coordinates that B moves, with the torques of their motors; in A they are constant.
 
@@ -327,7 +327,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
 
 
 def _numbers(body: Splitting, parts: Fractions, start: float, count: float) -> Numbers:
-    """The constants of a sequence of these parts from `start`, in steps, that lasts so many steps."""
+    """The constants of a sequence of these parts from `start`, in steps, that lasts `count` steps."""
     (a, b), dt = map(np.array, parts), body.dt
     if not body.closes and a[-1]:  # the last A of a corrector is that of a stage, with a kick of 0
         a, b = np.append(a, 0.0), np.append(b, 0.0)

@@ -175,7 +175,7 @@ class Orbit:
     def from_state(cls, r: Any, v: Any, primary: Primary = EARTH, epoch: Any = None, J2: bool = False) -> Orbit:
         """The orbit through a position r (3,), m, with the velocity v (3,), m/s, in space at t = 0.
 
-        With J2 it is a mean ellipse: its energy is that of the motion over the oblate primary, averaged over a
+        With J2 it is a mean ellipse: its energy is the energy over the oblate primary, averaged over a
         revolution. So its speed at t = 0 differs from |v|, by some m/s in a low orbit, and its period is right.
 
         Raises `InputError` unless the orbit is an ellipse outside the primary.
