@@ -199,15 +199,14 @@ class Case:
         return grade(self, times, quantities, step, runs)
 
     def given(self) -> dict[str, Any]:
-        """The values that a simulator needs, as doubles in SI, for JSON."""
+        """The values that a simulator needs, as doubles in SI, for JSON; gravity is along -z of space."""
+        numbers = {k: _doubles(exact(text)) for k, text in self.numbers.items() if not k.startswith("tilt_")}
         return {
             "name": self.name,
+            **numbers,
             "inertia": _doubles(self.inertia),
-            "angular_velocity": _doubles(self.angular_velocity),
             "attitude": _doubles(self.attitude),
             "duration": float(self.duration),
-            **({} if self.arm is None else {"arm": _doubles(self.arm)}),
-            **{name: _doubles(exact(text)) for name, text in self.numbers.items() if name in ("mass", "gravity")},
         }
 
 

@@ -93,6 +93,8 @@ def _print(case: Case, at: list[float], as_json: bool) -> None:
         say(f"  {key.replace('_', ' '):20} {text}{in_si}")
     say(f"  {'duration':20} {float(case.duration):g} s")
     say("  Angular velocity along the body axes; attitude a unit quaternion (w, x, y, z), body to space.")
+    if "gravity" in case.numbers:
+        say("  Gravity along -z of space; the pivot is the origin, arm the way from it to the centre of mass.")
     for time, (state, bounds) in zip(times, states, strict=True):
         print(f"\nExact at {float(time):g} s, error at most {max(bounds[:7]):.1e} (rad/s, 1):")
         degrees = [v / exact("1 deg") for v in state[:3]]
