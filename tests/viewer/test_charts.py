@@ -11,9 +11,11 @@ import pytest
 from matplotlib import animation
 from matplotlib.font_manager import findfont
 from PIL import Image
+from scipy import ndimage
 
 import kreisel as kr
 from kreisel import analysis
+from kreisel.analysis.frequencies import lines_of
 from kreisel.lab import exact
 from kreisel.runs.geometry import presented
 from kreisel.storage.opening import open_lanes
@@ -207,6 +209,30 @@ def test_beyond_three_dimensions_the_whole_run_is_shown():
     assert len(whole.lines[0].get_xdata()) == 1001 and whole.get_legend().get_texts()[0].get_text() == "start"
 
 
+@pytest.mark.parametrize("size", [1e-30, 1.0, 1e30])
+def test_small_and_large_bodies_are_drawn_alike(size):
+    """The momentum moves by 0.15 of its length from row to row, and by 1.5: a line, and dots."""
+    body = kr.physical.FreeBody(np.array((1.0, 2.0, 2.5)) * size)
+    run = kr.simulate(body, body.state((1.0, 2.0, 0.3)), dt=0.1, t_end=20, progress=False)
+    for rows, word in ((run, "to 20 s"), (run.isel(time=slice(None, None, 10)), "saved states")):
+        assert kr.plot(rows).subfigs[0].axes[0].get_title().endswith(word)
+    lines = analysis.frequencies(run, "momentum[1]", 3)
+    (axes,) = lines.plot().axes
+    low, high = axes.get_ylim()
+    assert 0 < low < abs(lines.amplitude).min() < abs(lines.amplitude).max() < high
+    slower = kr.simulate(body, body.state((1.0, 2.0, 0.3)), dt=0.1, t_end=20, method="midpoint", progress=False)
+    compared = analysis.compare(run, slower)
+    dots = [line.get_xdata() for line in compared.plot().axes[1].lines]
+    changes = compared.drift[["first", "second"]].to_numpy().T
+    assert np.array_equal(np.array(dots)[changes > 0], changes[changes > 0])
+
+
+def test_a_constant_is_drawn_in_its_size():
+    lines = lines_of(np.arange(400) * 0.1, 3 + np.cos(np.arange(400) * 0.2), 2)
+    spectrum = drawn(lines.plot())[0]
+    assert spectrum[0] == pytest.approx([0, 3], rel=1e-3) and spectrum[5:, 1].max() == pytest.approx(1, rel=0.2)
+
+
 def test_a_figure_for_a_journal(run, tmp_path):
     figure = kr.plot(run, style="journal")
     assert figure.get_figwidth() * 25.4 == pytest.approx(183) and figure.get_suptitle() == ""
@@ -240,6 +266,16 @@ def test_a_film_shows_the_motion(run, tmp_path):
     moved = [np.mean(abs(a - b) > 40) for a, b in pairwise(pictures)]
     assert min(moved) > 1e-3  # the body and its tip, not the words alone
     assert max(moved) < 0.3
+
+
+def test_a_film_of_a_box_shows_each_side_in_one_piece(tmp_path):
+    box = kr.physical.FreeBody.box(mass=1, sides=(0.3, 0.2, 0.1))
+    start = box.state((0, 0, 1.0), attitude=(np.cos(0.25), 0, 0, np.sin(0.25)))
+    view = kr.view(kr.simulate(box, start, dt=0.05, t_end=1, progress=False))
+    with Image.open(view.movie(tmp_path / "box.gif", seconds=0.2, fps=10)) as film:
+        red, _, blue = np.moveaxis(np.array(film.convert("RGB"), dtype=float), -1, 0)
+    pieces = np.bincount(ndimage.label(blue - red > 30)[0].ravel())[1:]
+    assert (pieces > 30).sum() == 1 and pieces.max() > 1000
 
 
 def test_an_mp4_replaces_one_of_kreisel_only(run, tmp_path, monkeypatch):

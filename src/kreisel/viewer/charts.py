@@ -74,6 +74,11 @@ def _draw_series(axes: Any, run: xr.Dataset, values: Any, colour: str) -> None:
     axes.plot(run["time"].values[rows], values[rows], color=colour, linewidth=0.8)
 
 
+def _time(data: xr.Dataset) -> str:
+    unit = data["time"].attrs.get("units", "1")
+    return f"time ({unit})" if unit != "1" else "time"
+
+
 def plot_series(data: xr.Dataset, *, theme: str = "light") -> Figure:
     """Every variable along time, a panel each, all lanes: a result of `euler_angles` or `rates`."""
     names = [name for name, v in data.data_vars.items() if "time" in v.dims]
@@ -85,7 +90,7 @@ def plot_series(data: xr.Dataset, *, theme: str = "light") -> Figure:
             _draw_series(axes, data, data[name], colours.colour(number))
             units = data[name].attrs.get("units", "")
             axes.set_ylabel(f"{name}\n({units})" if units not in ("", "1") else str(name))
-        panels[-1].set_xlabel("time")
+        panels[-1].set_xlabel(_time(data))
         picture.suptitle(str(data.attrs.get("title", "")), fontsize=10)
     return picture
 
@@ -100,7 +105,7 @@ def plot_events(run: xr.Dataset, crossings: xr.Dataset, quantity: Quantity, *, t
             times = crossings["time"].values[crossings["rising"].values == (way == "rising")]
             style: dict[str, Any] = {"color": colours.colours[number], "markersize": 4, "label": way}
             axes.plot(times, np.full(len(times), crossings.attrs["value"]), marker, **style)
-        axes.set(xlabel="time", ylabel=label(quantity))
+        axes.set(xlabel=_time(run), ylabel=label(quantity))
         axes.legend(loc="upper right", ncols=2)
     return picture
 
@@ -139,20 +144,21 @@ def plot_lines(lines: Lines, *, theme: str = "light") -> Figure:
     time, values = lines.time, lines.values
     step = time[1] - time[0]
     window = np.hanning(len(time))
-    spectrum = np.abs(np.fft.fft(window * values)) / window.sum() * (1 if np.iscomplexobj(values) else 2)
     omega = 2 * np.pi * np.fft.fftfreq(len(time), step)
+    halves = 1 if np.iscomplexobj(values) else np.where(omega == 0, 1, 2)  # a real line is at omega and -omega
+    spectrum = np.abs(np.fft.fft(window * values)) / window.sum() * halves
     order = np.argsort(omega)
     use = order if np.iscomplexobj(values) else order[omega[order] >= 0]
     with figure(theme, 7.0, 3.6) as (picture, colours):
         axes = picture.subplots()
         axes.semilogy(omega[use], spectrum[use] + 1e-300, color=colours.faint, linewidth=0.8, label="window of Hann")
-        size = np.abs(lines.amplitude)
-        axes.vlines(lines.frequency, lines.remainder + 1e-18, size, color=colours.colours[1], linewidth=1.0)
+        size, most = np.abs(lines.amplitude), spectrum[use].max() or 1.0
+        axes.vlines(lines.frequency, lines.remainder or 1e-17 * most, size, color=colours.colours[1], linewidth=1.0)
         axes.plot(lines.frequency, size, "o", color=colours.colours[1], markersize=4, label="lines")
         reach = 1.5 * np.abs(lines.frequency).max(initial=4 * np.pi / (time[-1] - time[0]))
         axes.set(xlabel="angular frequency", ylabel=f"amplitude of {lines.quantity}")
         axes.set_xlim(-reach if np.iscomplexobj(values) else 0, reach)
-        axes.set_ylim(max(spectrum[use].max() * 1e-16, 1e-17), 3 * spectrum[use].max())
+        axes.set_ylim(1e-16 * most, 3 * most)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
     return picture
 
@@ -165,13 +171,14 @@ def plot_comparison(comparison: Comparison, *, theme: str = "light") -> Figure:
         for number, (name, values) in enumerate(data.data_vars.items()):
             worst = np.maximum(values.values.reshape(data.sizes["time"], -1).max(-1), 1e-17)
             left.plot(data["time"][1:], worst[1:], color=colours.colour(number), label=str(name))
-        left.set(xscale="log", yscale="log", xlabel="time", title="distance, relative")
+        left.set(xscale="log", yscale="log", xlabel=_time(data), title="distance, relative")
         left.legend(loc="upper left")
         table = comparison.drift
-        place = np.arange(len(table))
-        for number, (column, marker) in enumerate((("first", "o"), ("second", "s"))):
+        place, changes = np.arange(len(table)), table[["first", "second"]].to_numpy()
+        least = changes.min(initial=1.0, where=changes > 0) / 10  # no change at all: left of the others
+        for number, marker in enumerate("os"):
             style = {"color": colours.colours[number], "label": comparison.names[number], "markersize": 4}
-            right.plot(np.maximum(table[column].to_numpy(), 1e-17), place, marker, **style)
+            right.plot(np.maximum(changes[:, number], least), place, marker, **style)
         right.set(xscale="log", xlabel="largest |change|", title="integrals")
         right.set_yticks(place, [str(name) for name in table.index])
         right.invert_yaxis()

@@ -178,11 +178,13 @@ class _Film:
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
         seen = corners @ self.camera.T
-        outward = np.where((normal @ self.camera[2] < 0)[:, None], -normal, normal)
+        facing = normal @ self.camera[2]
+        outward = np.where(facing[:, None] < 0, -normal, normal)
         shade = 0.42 + 0.58 * np.clip(outward @ LIGHT, 0, 1)
         gloss = 0.35 * np.clip(outward @ (LIGHT + self.camera[2]) / np.linalg.norm(LIGHT + self.camera[2]), 0, 1) ** 30
         colours = np.clip(body["colour"] * shade[:, None] + gloss[:, None], 0, 1)
-        order = np.argsort(seen[:, :, 2].mean(1))
+        volume = np.linalg.det(corners).sum()  # < 0: triangles are clockwise seen from outside
+        order = np.lexsort((seen[:, :, 2].mean(1), facing * volume > 0))  # the hidden sides of a solid come first
         style = {"facecolors": colours[order], "edgecolors": colours[order], "linewidths": 0.4, "zorder": 3}
         axes.add_collection(PolyCollection(cast("Any", seen[order, :, :2]), **cast("Any", style)))
 

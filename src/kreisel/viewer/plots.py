@@ -199,7 +199,7 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
     for number, ((name, lane), xyz) in enumerate(zip(lanes, paths, strict=True)):
         colour = theme.colour(number)
         size = float(np.linalg.norm(xyz[0])) or 1.0
-        if _advance_per_row(lane, letter) < MOST_GAP * size:
+        if _advance_per_row(lane, letter) < MOST_GAP:
             arc = np.cumsum(np.linalg.norm(np.diff(xyz, axis=0), axis=-1))
             shown = int(np.searchsorted(arc, ARC_SHOWN * size / len(lanes))) + 1
             axes.plot(*_on_sphere(xyz[:shown], size).T, color=colour, linewidth=0.8, label=name or tip)
@@ -251,15 +251,16 @@ def _draw_axes(axes: Any, lanes: list[xr.Dataset], radius: float, theme: Theme) 
 
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
-    """The motion of the tip between two saved rows by its speed at the start: distances of rows may deceive."""
+    """The motion of the tip between two saved rows over its length, by its speed: distances of rows may deceive."""
     record = RunRecord.from_attrs(run.attrs)
-    model = None if record.is_own else model_for(run, None)
+    model, first = None if record.is_own else model_for(run, None), read_values(run[letter][:2])
+    size = float(np.linalg.norm(first[0])) or 1.0
     if model is None or model.system.perturbation is not None:  # no flow of the state is available
-        return float(np.linalg.norm(np.diff(read_values(run[letter][:2]), axis=0)))
+        return float(np.linalg.norm(np.diff(first, axis=0))) / size
     kinds = dict(model.system.space.components)
     start = {k: read_values(run[k][:1])[0] for k in kinds}  # a scalar index would import dask
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
-    return float(speed * record.dt * record.every)
+    return float(speed * np.diff(read_values(run["time"][:MOST_ROWS])).max(initial=0.0)) / size
 
 
 def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:

@@ -105,7 +105,9 @@ class Shown:
         plain = self.carried.shape[1] == 3 and self.record.n == 3
         if plain and "skew" not in self.kinds.values():
             self.kind, self.tip, self.frame = "particle", self.carried, np.eye(3)
-            self.note, self.legend = "The particle on its sphere.", {"tip": self.word}
+            length = np.linalg.norm(self.carried, axis=-1)
+            place = "sphere" if np.ptp(length) <= 1e-6 * length.max() else "path"
+            self.note, self.legend = f"The particle on its {place}.", {"tip": self.word}
         elif plain and ORIENTATION in self.run:
             x = self._path()
             if of_satellite(self.run):
@@ -451,7 +453,7 @@ def _section(section: xr.Dataset, lanes: list[str]) -> dict[str, Any]:
         chosen = [int(name.split()[1]) for name in lanes if name]
         section = section.isel(event=np.isin(section["lane"].values, chosen))
     series: dict[str, Array] = {}
-    for letter in section.data_vars:
+    for letter in section.drop_vars("rising", errors="ignore").data_vars:
         values = np.asarray(section[letter].values, dtype=np.float64).reshape(section.sizes["event"], -1)
         series |= {f"{letter}[{i}]": column for i, column in enumerate(values.T) if np.isfinite(column).all()}
     series.pop(str(section.attrs["quantity"]), None)
