@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import kreisel as kr
 from kreisel.physical import FreeBody
@@ -135,6 +136,25 @@ def test_derivatives_pass_through_a_memory_of_one_value() -> None:
         motion(body.state((0, 0, 0)), dt=-0.25, steps=4)
     with pytest.raises(kr.InputError, match=r"^momentum: expected a vector, got one value"):
         motion({"momentum": 1.0, "count": 0.0, "commanded_impulse": np.zeros(3)}, dt=0.25, steps=4)
+
+
+def test_a_fit_has_observations_between_samples() -> None:
+    """A sphere whose rate loses k of itself per second, w (1 - k)^m (1 - k (t - m)) after m samples."""
+    law = kr.Control(lambda rates, *, k: {"torque": -k * rates}, every="1 s", parameters={"k": 0.1})
+    body, time = FreeBody((1, 1, 1), control=law), np.array([0, 0.53, 1, 2.17, 2.99, 3, 3.33])
+    seen = {
+        f"angular_velocity[{i}]": ("time", w * 0.8 ** np.floor(time) * (1 - 0.2 * (time % 1)))
+        for i, w in ((0, 1), (1, -2))
+    }
+    found = kr.fit(body, xr.Dataset(seen, {"time": time}), free=["k"], x0=body.state((1, -2, 0)), dt=0.333333333)
+    assert found.values["k"] == pytest.approx(0.2, rel=1e-9)
+    motion = kr.differentiable(body)
+    state = motion(body.state((1, -2, 0)), dt=0.333333333, steps=9)
+    assert np.asarray(state["momentum"]).tolist() == pytest.approx([0.9**3, -2 * 0.9**3, 0], rel=1e-12)
+    later = motion(state, dt=0.07, steps=2, time=3.0)  # of the command that is sampled at 3 s
+    assert np.asarray(later["momentum"])[0] == pytest.approx(0.9**3 * (1 - 0.1 * 0.14), rel=1e-12)
+    with pytest.raises(kr.InputError, match=r"^dt: expected a step that divides"):
+        motion(later, dt=0.07, steps=14, time=3.14)
 
 
 def test_crossings_between_samples_are_under_the_commands_held_there() -> None:

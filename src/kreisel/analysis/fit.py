@@ -23,6 +23,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity, cached_property, reused
 from kreisel.analysis.observations import ATTITUDE, Observations, Unknown, observed, turn_coordinates, unknowns
 from kreisel.errors import AccuracyWarning, InputError, RunError, doubt, explained
+from kreisel.forces.control import whole_samples
 from kreisel.method.scheme import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.calling import keywords
@@ -199,7 +200,7 @@ def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, 
     if as_body(system) is None:
         check_model(system)
         dt = _step_of(observations) if dt is None else positive_number(dt, "dt")
-        return system, x0, orientation, dt, observations, free
+        return system, x0, orientation, whole_samples(system, dt), observations, free
     step = _step_of(observations) if dt is None else dt
     model, x0, first, asked, _ = scaled(system, x0, orientation, {"dt": step})
     data = observations_of(model, observations)
@@ -207,7 +208,8 @@ def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, 
         first, data = False, data.drop_vars(ORIENTATION, errors="ignore")
     if x0 is None and not _is_run(data):
         raise InputError("x0: expected body.state(...), the start of the search, got none, and no run of this body.")
-    return model, x0, first, positive_number(asked["dt"], "dt"), data, letters_of(model, free)
+    dt = whole_samples(model, positive_number(asked["dt"], "dt"))
+    return model, x0, first, dt, data, letters_of(model, free)
 
 
 def _is_run(data: Any) -> bool:

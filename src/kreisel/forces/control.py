@@ -120,10 +120,14 @@ def require_whole_samples(model: Model, dt: float, start: float = 0.0, name: str
         )
 
 
-def samples_missed(model: Model, dt: Any, start: Any) -> Any:
-    """Whether `require_whole_samples` refuses these steps; values may be arrays of JAX."""
+def samples_missed(model: Model, dt: Any, start: Any, end: Any) -> Any:
+    """Whether steps of dt go back or pass a sample between start and end; values may be arrays of JAX."""
     control = _sampler(model)
-    return False if control is None else (dt < 0) | _is_fraction(control.every / dt) | _is_fraction(start / dt)
+    if control is None:
+        return False
+    then = (start / control.every * (1 + ROUNDING)) // 1 + 1  # the first sample after the start
+    passed = then < end / control.every * (1 - ROUNDING)
+    return (dt < 0) | passed & (_is_fraction(control.every / dt) | _is_fraction(start / dt))
 
 
 def _is_fraction(x: Any) -> Any:

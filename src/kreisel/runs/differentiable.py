@@ -13,7 +13,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, shown
-from kreisel.forces.control import require_whole_samples, samples_missed
+from kreisel.forces.control import require_whole_samples, samples_missed, whole_samples
 from kreisel.kernels.cpu import points as points_of
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import Product
@@ -130,13 +130,18 @@ def differentiable(
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
             dt, time = (v if by.is_traced(v) else finite_number(v, k) for k, v in (("dt", dt), ("time", time)))
-            if not by.is_traced(dt) and not dt:
-                raise InputError("dt: expected a step, which may be negative, got 0.")
+            dt = dt if by.is_traced(dt) else _step_time(model, dt)
             start = _at_times(by, model, _start_of(by, model, state, oriented, begin), dt, time, count)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             return {k: v if every is not None else v[-1] for k, v in rows.items()}
 
     return motion
+
+
+def _step_time(model: Model, dt: float) -> float:
+    if not dt:
+        raise InputError("dt: expected a step, which may be negative, got 0.")
+    return whole_samples(model, dt)
 
 
 def _integer(by: Any, value: Any, name: str, most: int) -> int:
@@ -377,9 +382,10 @@ def _at_times(by: Any, model: Model, start: Parts, dt: Any, time: Any, steps: in
     end = time + dt * steps
     if by.is_traced(end):
         lost = [exceeded for *_, exceeded in tables_exceeded(model, time, end)]
-        valid = by.mixed(by.jnp.where(sum(lost, samples_missed(model, dt, time)), by.jnp.nan, 1.0))
+        valid = by.mixed(by.jnp.where(sum(lost, samples_missed(model, dt, time, end)), by.jnp.nan, 1.0))
         return tuple(valid * x for x in start)
-    require_whole_samples(model, float(dt), float(time), "time")
+    if samples_missed(model, dt, time, end):
+        require_whole_samples(model, float(dt), float(time), "time")
     require_within(model, float(time), float(end))
     return start
 
