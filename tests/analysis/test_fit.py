@@ -137,6 +137,27 @@ def test_a_skew_matrix_has_its_entries_once() -> None:
     assert 0.5e-3 < found.sigma < 1.6e-3  # by 59 values: beyond five standard deviations
 
 
+def test_a_direction_has_two_values_and_an_attitude_three() -> None:
+    """Their errors from residuals: rotations by angles of NOISE; by the count of entries sigma is 18 or 13 % less."""
+    time, rng = np.arange(1, 601) * 0.05, np.random.default_rng(4)
+    angles = NOISE * rng.normal(size=(600, 3))
+    run = kr.simulate(BODY, {"M": M0}, dt=0.05, times=time, orientation=(1, 0, 0, 0), progress=False)
+    turn = Rotation.from_quat(run.g.values, scalar_first=True) * Rotation.from_rotvec(angles)
+    asked: dict[str, Any] = {"free": ["M"], "x0": {"M": M0}, "dt": 0.05, "orientation": (1, 0, 0, 0)}
+    star = {"observables": {"star": lambda M, *, g: g.T @ jnp.array([0.6, 0.0, 0.8])}}
+    direction = turn.inv().apply([0.6, 0.0, 0.8])
+    loose = direction + NOISE * rng.normal(size=(600, 3))  # not of length 1
+    for data, more, count, sigma in (
+        (seen(time, g=turn.as_quat(scalar_first=True)), {}, 3, NOISE / 2),
+        (seen(time, star=direction), star, 2, NOISE),
+        (seen(time, star=loose), star, 3, NOISE * np.sqrt(5 / 3)),
+    ):
+        found = kr.fit(BODY, data, **asked, **more)
+        assert found.dof == 600 * count - 3
+        assert found.sigma == pytest.approx(sigma, rel=0.1)  # five standard deviations of 1,200 values
+        assert abs(found.table["value"] - M0).max() < 5 * found.table["error"].max()
+
+
 def test_observables_and_numbers_of_the_instrument() -> None:
     time = np.arange(80) * 0.1
     off = np.array([0.1, -0.2, 0.05])
@@ -281,6 +302,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"observations": seen(TIME - 1, a=np.zeros((5, 3)))}, "before the start"),
     ({"observations": seen(TIME.astype("M8[s]"), a=np.zeros((5, 3)))}, "timedelta64"),
     ({"observations": seen(TIME, a=np.zeros((5, 3)), sigma_a=0.0)}, "expected sigma_a > 0"),
+    ({"observations": seen(TIME, a=np.zeros((5, 3)), sigma_a=np.inf)}, "expected sigma_a > 0 and finite.* NaN in a"),
     ({"observations": seen(TIME, a=np.zeros((5, 3)), sigma_b=0.1)}, "sigma_NAME for some NAME"),
     ({"observations": seen(TIME, a=np.zeros((5, 3)), m=np.zeros((5, 3)), sigma_a=0.1)}, "for each of a, m or for none"),
     ({"observations": seen(TIME, a=np.full((5, 3), np.inf))}, "got infinity in a"),

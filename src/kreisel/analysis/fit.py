@@ -52,7 +52,8 @@ class Fit:
     model, state  the system and the state at time 0 with these values
     orientation   the attitude at time 0, as for `kr.simulate`; None without one
     residuals     observed - predicted, a Dataset; NaN for missing observations
-    chi2, dof     sum ((observed - predicted)/sigma)^2, and the count of observed values minus the count of unknowns
+    chi2, dof     sum ((observed - predicted)/sigma)^2, and the count of observed values minus the count of unknowns;
+                  directions and quaternions of length 1 count as one value less than their entries
     sigma         the error of an observation from the residuals, if none was given; else None
     at_bound      names of the unknowns at one of their bounds
     converged     whether the search ended at a minimum; `message` gives the reason, `evaluations` their count
@@ -355,6 +356,7 @@ def _least_squares(
     if not solution.success:
         text = f"fit: the search did not converge: {solution.message} Begin nearer, or raise evaluations."
         warnings.warn(text, AccuracyWarning, stacklevel=3)
+    solution["dof"] = seen.count(predicted(solution.x.tobytes())[0]) - len(unknown)
     return solution
 
 
@@ -363,7 +365,7 @@ def _doubt_dt(solution: Any, unknown: list[Unknown], seen: Observations, finer: 
     J, names = np.asarray(solution.jac), [u.name for u in unknown]
     covariance, spread = covariance_of(J, names), 1.0
     if not seen.weighted:
-        spread = math.sqrt(solution.fun @ solution.fun / max(len(solution.fun) - len(names), 1))
+        spread = math.sqrt(solution.fun @ solution.fun / max(solution.dof, 1))
         if spread <= EXACT * math.sqrt(np.mean(seen.flat([v.value for v in seen.variables]) ** 2)):
             return  # values of the same map
     moved = covariance @ (J.T @ (seen.flat(seen.differences(finer(solution.x.tobytes())[0])) + solution.fun))
@@ -405,7 +407,7 @@ def _as_fit(
 ) -> Fit:
     names = [u.name for u in unknown]
     covariance = covariance_of(np.asarray(solution.jac), names)
-    chi2, dof = 2 * float(solution.cost), seen.size - len(unknown)
+    chi2, dof = 2 * float(solution.cost), solution.dof
     if seen.weighted and chi2 > OFF**2 * max(dof, 1):
         doubt(
             f"fit: the observations are {np.sqrt(chi2 / max(dof, 1)):.3g} of their errors away from the motion found. "
@@ -414,7 +416,7 @@ def _as_fit(
         )
     sigma = None
     if not seen.weighted:
-        sigma = float(np.sqrt(chi2 / dof)) if dof else np.nan
+        sigma = float(np.sqrt(chi2 / dof)) if dof > 0 else np.nan
         covariance = covariance * sigma**2
     model, state, attitude = fitted
     columns = {"value": solution.x, "error": np.sqrt(np.diag(covariance))}

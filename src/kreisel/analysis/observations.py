@@ -24,6 +24,7 @@ SIGMA = "sigma_"
 VELOCITY = "Omega"
 ATTITUDE = "orientation"
 ON_STEP = 1e-9  # of a step: a time this close to a step counts as the step
+NORMALIZED = 0.1  # of the residuals: deviations of lengths from 1 that are rounding
 MOST_NUMBERS = 10**8  # of rows and their derivatives
 Show = Callable[[Any, Mapping[str, Any], Any, Mapping[str, Any], Mapping[str, Any]], Any]
 
@@ -190,6 +191,17 @@ class Variable(NamedTuple):
             value = np.where((np.nan_to_num(value) * prediction).sum(-1, keepdims=True) < 0, -value, value)
         return value - prediction
 
+    def count(self, prediction: Array) -> int:
+        """The count of independent values: a direction or a quaternion of length 1 has one less than its entries."""
+        complete = self.mask.reshape(len(self.mask), -1).all(-1)
+        total, X = int(self.mask.sum()), self.value[complete]
+        if not len(X) or X.ndim not in (2, 3):
+            return total
+        noise = np.sqrt((self.difference(prediction)[complete] ** 2).mean())
+        X = X.reshape(len(X), -1, X.shape[-1])
+        off = np.sqrt(((X @ X.mT - np.eye(X.shape[1])) ** 2).mean(0))  # 2 noise for values that are not normalized
+        return total - len(X) * int(np.triu(off < NORMALIZED * noise).sum())
+
 
 class Observations(NamedTuple):
     """Variables at times.
@@ -210,8 +222,12 @@ class Observations(NamedTuple):
 
     @property
     def size(self) -> int:
-        """The count of observed values."""
+        """The count of observed entries."""
         return int(sum(variable.mask.sum() for variable in self.variables))
+
+    def count(self, predicted: list[Array]) -> int:
+        """The count of independent observed values."""
+        return sum(variable.count(values) for variable, values in zip(self.variables, predicted, strict=True))
 
     def flat(self, arrays: list[Array]) -> Array:
         """The observed values of arrays like the variables, over sigma, (size, ...)."""
@@ -306,13 +322,14 @@ def _values(model: Model, data: Any, name: str) -> tuple[Array, Array]:
         sigma = errors.broadcast_like(variable).transpose(*variable.dims).values.astype(np.float64)
     except (ValueError, TypeError):
         sigma = np.zeros(0)
-    if sigma.shape != values.shape or not (sigma[np.isfinite(values)] > 0).all():
+    finite = np.isfinite(values)
+    if sigma.shape != values.shape or not ((sigma > 0) & (sigma < np.inf))[finite].all():
         raise InputError(
-            f"observations: expected {SIGMA}{name} > 0, of the shape of {name}, {values.shape}, or spread over it, got "
-            f"the shape {errors.shape}."
+            f"observations: expected {SIGMA}{name} > 0 and finite, of the shape of {name}, {values.shape}, or spread "
+            f"over it, got {shown(errors.values)} of the shape {errors.shape}. Values of no weight are NaN in {name}."
         )
     unit = _size_of_unit(model, errors, name) if stated_unit(errors) else size
-    return values / size, np.where(np.isfinite(sigma), sigma, 1) / unit
+    return values / size, np.where(finite, sigma, 1) / unit
 
 
 def _independent(value: Array) -> Array:
