@@ -217,17 +217,15 @@ REQUIREMENTS: tuple[tuple[Callable[[Plan, Scheme], Any], str], ...] = (
     ),
     (
         lambda plan, scheme: not any(applies(scheme) for applies, _ in OF_ONE_LENGTH),
-        "{what}: expected a method whose steps may differ, such as 'baecklund' or 'splitting', got method={method!r}, "
-        "which {why}.",
+        "{what}: expected a method whose steps may differ, such as {ways}, got method={method!r}, which {why}.",
     ),
     (
         lambda plan, scheme: (
-            not (plan.settings.impulses or any(event.action for event in plan.events))
+            not _changes_the_state(plan)
             or (isinstance(scheme.motion, Steps | CoupledSteps) and scheme.trajectory is None)
         ),
-        "{what}: expected a method whose constants do not depend on the start, such as 'splitting' (of a perturbed "
-        "body), 'variational' or 'kahan', where something changes the state, got method={method!r}. For others call "
-        "kr.propagator(...).to or .until in a loop.",
+        "{what}: expected a method whose constants do not depend on the start, such as {ways}, where something changes "
+        "the state, got method={method!r}. For others call kr.propagator(...).to or .until in a loop.",
     ),
     (
         lambda plan, scheme: not plan.events or not plan.batched or scheme.coupling is not None,
@@ -237,12 +235,18 @@ REQUIREMENTS: tuple[tuple[Callable[[Plan, Scheme], Any], str], ...] = (
 )
 
 
+def _changes_the_state(plan: Plan) -> bool:
+    return bool(plan.settings.impulses) or any(event.action for event in plan.events)
+
+
 def _require_suitable(plan: Plan, scheme: Scheme) -> None:
     """Raises `InputError` for a plan whose steps cannot be broken; `scheme`: without constants of its trajectory."""
     reasons = [reason for applies, reason in OF_ONE_LENGTH if applies(scheme)]
     why = reasons[0].format(order=scheme.options.get("order"), deformed=scheme.deformed) if reasons else ""
     request = "impulses" if plan.settings.impulses else "events" if plan.events else "times"
-    words = {"what": request, "why": why, "method": scheme.name, "engine": plan.where, "n": plan.model.n}
+    changing = "'splitting' (of a perturbed body), 'variational', or 'kahan' of order 4"
+    ways = changing if _changes_the_state(plan) else "'baecklund' or 'splitting'"
+    words = {"what": request, "why": why, "ways": ways, "method": scheme.name, "engine": plan.where, "n": plan.model.n}
     for holds, message in REQUIREMENTS:
         if not holds(plan, scheme):
             raise InputError(message.format(**words, large=LARGE, lanes=plan.lanes))
