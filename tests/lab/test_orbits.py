@@ -97,6 +97,11 @@ def test_certified_complains() -> None:
         certified.certify(TOP, [1, 2])
     with pytest.raises(kr.InputError, match="precision"):
         certified.certify(TOP, START, precision=3)
+    with pytest.raises(kr.InputError, match="steps must be an integer"):  # 1.5 steps were any number
+        certified.certify(TOP, START, 1.5)
+    for radius, tolerance in ((-1, 1), (1, QUARTER), (0, 0)):
+        with pytest.raises(kr.InputError, match="a radius from 0"):
+            certified.certify(TOP, START, 2, radius=radius, tolerance=tolerance)
     pole = certified.certify(plane(lambda x: array(1 / (x[0] - 1), x[1])), [F(1), F(1)], 5)
     assert pole.steps == 0 and "pole" in pole.stopped
 

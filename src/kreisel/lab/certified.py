@@ -20,12 +20,13 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, shown
-from kreisel.lab.exact import Dual, generators, independent, rationals, require_flint, slopes
+from kreisel.lab.exact import Dual, fraction, generators, independent, rationals, require_flint, slopes
 from kreisel.lab.integrals import Polynomial
 from kreisel.lab.subject import Subject, coordinate_names
 from kreisel.record.calling import call
 from kreisel.record.contract import System
 from kreisel.record.model import Model
+from kreisel.runs.settings import within
 
 Function = Callable[[Array], Any]
 
@@ -85,9 +86,12 @@ def certify(
     implicit maps and for a start that does not fit.
     """
     subject.require_rational(x)
-    if steps < 1 or precision < 24 or not tolerance > 0:
-        values = f"{steps}, {precision} and {tolerance}"
-        raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {values}.")
+    steps, precision = within(steps, "steps"), within(precision, "precision", 24)
+    if not 0 <= fraction(radius) <= tolerance or tolerance == 0:
+        raise InputError(
+            f"tolerance > 0 and a radius from 0 to it were expected, got {shown(tolerance)} and {shown(radius)}: the "
+            "enclosure of step 0 is the box of the radius."
+        )
     flint = require_flint()
     with flint.ctx.workprec(precision):
         constants = {k: _balls(v) for k, v in subject.constants.items()}
