@@ -15,7 +15,7 @@ from kreisel.lab import certified, laws
 from kreisel.lab.brackets import brackets, lax, volumes
 from kreisel.lab.darboux import darboux
 from kreisel.lab.dynamics import dynamics
-from kreisel.lab.growth import growth, singularities
+from kreisel.lab.growth import growth, heights, singularities
 from kreisel.lab.integrals import integrals
 from kreisel.lab.search import logarithmic, search
 from kreisel.lab.subject import subject
@@ -43,6 +43,8 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "volumes": (lambda: volumes(MAP, "2"), "degree must be an integer from 0"),  # type: ignore[arg-type]
     "no degree": (lambda: darboux(MAP, 0), "degree must be an integer from 1"),
     "a name twice": (lambda: subject(henon, names=("x", "x")), "names: expected each coordinate once"),
+    "a Greek name": (lambda: subject(henon, names=("φ", "p")), "names: expected names in ASCII letters"),
+    "one height": (lambda: heights(MAP, [1, 2], 1), "steps must be an integer from 2"),
     "a name too few": (lambda: growth(subject(henon, names=("x",)), 3), "a name for each coordinate .* got x: index"),
     "lanes": (lambda: subject(kr.LagrangeTop(p=[(0, 0, 1), (0, 0, 2)])), r"one body, got a batch \(2,\)"),
     "a grid of a number": (lambda: search(logarithmic, {"c": 2}), "grid: expected a list of values of c, got 2"),  # type: ignore[dict-item]

@@ -272,7 +272,7 @@ def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
 @explained
 def heights(subject: Subject, x: Any, steps: int = 20) -> Heights:
     """The heights along the orbit over Q from x.  Raises `InputError` as `exact_orbit` does."""
-    return Heights(tuple(_bits(point) for point in exact_orbit(subject, x, steps)))
+    return Heights(tuple(_bits(point) for point in exact_orbit(subject, x, within(steps, "steps", 2))))
 
 
 def _bits(point: Array) -> int:

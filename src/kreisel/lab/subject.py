@@ -62,6 +62,14 @@ class Subject:
     implicit: str = ""
     model: Model | None = None
 
+    def __post_init__(self) -> None:
+        if not all(
+            isinstance(name, str) and name.isascii() and name for name in self.names
+        ):  # python-flint prints them
+            raise InputError(f'names: expected names in ASCII letters, such as ("x", "phi"), got {shown(self.names)}.')
+        if len(set(self.names)) != len(self.names):
+            raise InputError(f"names: expected each coordinate once, got {shown(self.names)}.")
+
     @property
     def dim(self) -> int:
         """The number of coordinates."""
@@ -204,8 +212,6 @@ def subject(
             "Give a model with a map, such as kr.LagrangeTop(p=(0, 0, 1)), or a function step(x) with the names of its "
             f"coordinates, names=('x', 'y'), got {shown(candidate)}."
         )
-    if len(set(names)) != len(names):
-        raise InputError(f"names: expected each coordinate once, got {shown(names)}.")
     return Subject(getattr(candidate, "__name__", "step"), candidate, tuple(names), constants)
 
 
