@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import rebound
 from astropy.time import Time
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 from sgp4.api import WGS72, Satrec
 from sgp4.conveniences import sat_epoch_datetime
 
@@ -222,6 +224,32 @@ def test_tables_of_an_ephemeris() -> None:
     flyby = Orbit.from_table(np.linspace(0, 12_000, 101), r[::2], v[::2])
     assert np.linalg.norm(v[0]) > np.sqrt(2 * EARTH.mu / np.linalg.norm(r[0]))
     assert abs(flyby.at(np.linspace(0, 12_000, 201))[0] - r).max() < 1e-2
+
+
+@pytest.mark.parametrize("inclination", ["0 deg", "97 deg"])
+def test_a_path_in_a_frame_of_the_earth_is_doubted(inclination: str) -> None:
+    """Positions and velocities of ITRF, which agree with each other; in space, with units, they are not doubted."""
+    orbit = Orbit("7000 km", 0.01, inclination)
+    t = np.arange(0.0, 6000.0, 60.0)
+    r, v = orbit.at(t)
+    same = Orbit.from_table((t / 60, "min"), (r / 1e3, "km"), (v / 1e3, "km/s"))
+    assert abs(same.at(1234.5)[0] - orbit.at(1234.5)[0]).max() < 1e-2
+    to_itrf = Rotation.from_rotvec([[0.0, 0.0, -7.292115e-5 * time] for time in t])
+    r = to_itrf.apply(r)
+    v = to_itrf.apply(v) - np.cross([0.0, 0.0, 7.292115e-5], r)
+    for velocities in (None, v):
+        with pytest.warns(kr.InputWarning, match="a frame that rotates with the Earth"):
+            Orbit.from_table(t, r, velocities)
+
+
+@pytest.mark.parametrize(("count", "most"), [(5, 1e6), (12, 1e3)])
+def test_few_positions_in_a_revolution_are_doubted(count: int, most: float) -> None:
+    orbit = Orbit("7000 km", 0.01, "51 deg", J2=True)
+    t = np.arange(2 * count + 1) * orbit.period / count
+    with pytest.warns(kr.InputWarning, match="10 or more in a revolution, got 4") if count < 10 else nullcontext():
+        path = Orbit.from_table(t, orbit.at(t)[0])
+    times = np.linspace(0, t[-1], 500)
+    assert 0.01 * most < np.linalg.norm(path.at(times)[0] - orbit.at(times)[0], axis=-1).max() < most
 
 
 def test_days_of_an_epoch() -> None:

@@ -413,16 +413,20 @@ def test_the_table_of_an_eccentric_orbit_reaches_its_apogee() -> None:
     assert density(np.array([3e5, 8.5e5]), air, SUN) == pytest.approx(printed, rel=2e-3, abs=0)
 
 
-def test_the_table_of_the_air_reaches_the_ends_of_a_path() -> None:
-    """A spiral from 600 to 300 km, where Vallado's table 8-4 has 2.418e-11 kg/m^3; its ellipse is at 600 km."""
+def spiral(first: float, last: float) -> Orbit:
+    """From one height, m, to another in a day, at the rate of the height between them."""
     t = np.linspace(0.0, 86_400.0, 1441)
-    distance = EARTH.radius + 600e3 - 300e3 * t / t[-1]
-    path = Orbit.from_table(t, (distance * [np.cos(1.1e-3 * t), np.sin(1.1e-3 * t), 0 * t]).T)
-    air = sail(orbit=path, air="exponential").model().params["air"]
+    n = np.sqrt(EARTH.mu / (EARTH.radius + (first + last) / 2) ** 3)
+    r = EARTH.radius + first + (last - first) * t / t[-1]
+    return Orbit.from_table(t, (r * [np.cos(n * t), np.sin(n * t), 0 * t]).T)
+
+
+def test_the_table_of_the_air_reaches_the_ends_of_a_path() -> None:
+    """From 600 to 300 km, where Vallado's table 8-4 has 2.418e-11 kg/m^3; the ellipse of the path is at 600 km."""
+    air = sail(orbit=spiral(600e3, 300e3), air="exponential").model().params["air"]
     assert density(np.array([3e5, 6e5]), air, SUN) == pytest.approx([2.418e-11, 1.454e-13], rel=2e-3, abs=0)
-    low = Orbit.from_table(t, ((distance - 250e3) * [np.cos(1.1e-3 * t), np.sin(1.1e-3 * t), 0 * t]).T)
     with pytest.raises(kr.InputError, match="the lowest height of the orbit is 50 km"):
-        sail(orbit=low, air="exponential")
+        sail(orbit=spiral(350e3, 50e3), air="exponential")
 
 
 def test_without_a_date_the_field_is_the_dipole() -> None:

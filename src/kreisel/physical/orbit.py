@@ -67,6 +67,8 @@ def _checked(primary: Any) -> Primary:
 
 DAY, MOST_DEGREE, MOST_ROWS = 86_400.0, 5, 2_000_000
 CONSISTENT = 0.02  # of the length of a path: the largest part that is not by the velocities
+FARTHEST = 2 * math.pi / 10  # rad between positions: 0.2 km off with 12 in a low revolution, 16 km with 8
+FALLING = 0.05  # of mu/r^2: the oblateness of the Earth has 0.002, a polar orbit in a frame of the Earth 0.1
 AHEAD_OF_UTC = {"TDB": 69.184, "TT": 69.184, "TAI": 37.0, "GPS": 18.0}  # s
 J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
 
@@ -270,10 +272,13 @@ class Orbit:
         Between the times it is a polynomial of degree 5 of the difference to an ellipse through the first state, whose
         elements `period` and the like have; with unequal times, resampled at equal ones.  Raises `InputError` for times
         that do not increase, positions inside the primary, velocities of another path, and times too unequal for that.
+        Warns with `InputWarning` if most accelerations are not mu/r^2, as in a frame that rotates with the Earth, and
+        of fewer than ten positions in a revolution without velocities.
         """
-        dates, t, epoch = np.asarray([times]) if isinstance(times, str) else np.asarray(times), None, _date(epoch)
-        if dates.dtype.kind in "MUO":
-            with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):
+        t, epoch = None, _date(epoch)
+        with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):  # of values with units
+            dates = np.asarray([times] if isinstance(times, str) else times)
+            if dates.dtype.kind in "MUO":
                 days: list[Any] = [_date(day) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
                 first = epoch or days[0]
                 t, epoch = np.array([(day - first).total_seconds() for day in days]), first
@@ -326,7 +331,23 @@ class Orbit:
                     "Usual cause: km/s for m/s, times in another unit than s, a rotating frame, or rows too far apart."
                 )
             slopes = v - near[1], rates.derivative()(t)
-        return replace(self, path=_equally_spaced(Table(t, r - near[0], slopes)))
+        path = _equally_spaced(Table(t, r - near[0], slopes))
+        angle = float((np.diff(t) * np.sqrt(self.primary.mu / np.linalg.norm(r[1:], axis=-1) ** 3)).max())
+        if v is None and angle > FARTHEST:
+            doubt(
+                f"positions: expected {2 * math.pi / FARTHEST:.0f} or more in a revolution, got "
+                f"{2 * math.pi / angle:.1f}: in between the path may be off by km. Give more, or velocities too."
+            )
+        by_gravity, of_ellipse = (-self.primary.mu * (x.T / np.linalg.norm(x, axis=-1) ** 3).T for x in (r, near[0]))
+        off = (slopes[1] + of_ellipse - by_gravity) / np.linalg.norm(by_gravity, axis=-1, keepdims=True)
+        square = float(np.median((off[1:] * off[:-1]).sum(-1)))  # of noise, whose sign changes, it is negative
+        if square > FALLING**2:
+            doubt(
+                f"positions: expected a path with the acceleration mu/r^2 of the {self.primary.name}, got one that is "
+                f"{math.sqrt(square):.0%} off. Usual cause: a frame that rotates with the Earth (ECEF, ITRF), or times "
+                "in another unit than s."
+            )
+        return replace(self, path=path)
 
     @property
     def mean_motion(self) -> float:
