@@ -75,6 +75,8 @@ def test_dates_count_leap_seconds_as_astropy_does(spinning: xr.Dataset, tmp_path
     dates = [line.split()[0] for line in data.splitlines()]
     times = Time(dates, scale=system.lower())
     assert np.allclose((times - times[0]).to_value("s"), spinning.time, rtol=0, atol=1e-6)
+    kr.export(spinning, tmp_path / "zone.aem", epoch="2017-01-01T01:59:50+02:00", time_system=system)  # no warning
+    assert (tmp_path / "zone.aem").read_text().split("DATA_START\n")[1].startswith(dates[0])
     assert ("2016-12-31T23:59:60.500000" in dates) == (system == "UTC")
 
 
@@ -229,6 +231,11 @@ def around_the_sun() -> xr.Dataset:
     return kr.simulate(body, body.state((1e-5, 0, 1e-6)), dt="1 h", steps=2, progress=False)
 
 
+def dated() -> xr.Dataset:
+    body = Satellite((1.0, 2.0, 2.5), Orbit.circular("500 km", epoch=EPOCH))
+    return kr.simulate(body, body.state(), dt=60.0, steps=2, progress=False)
+
+
 BAD = {
     "no date": (lambda run: kr.export(run, "x.oem"), "epoch: expected the date"),
     "Unix time": (lambda run: kr.export(run, "x.aem", epoch=1_700_000_000), "epoch: expected the date of time 0"),
@@ -239,14 +246,28 @@ BAD = {
     "label of a table": (lambda run: kr.export(run, "x.csv", name="a"), r"name: expected a file that ends in \.aem"),
     "frame": (
         lambda run: kr.export(run, "x.bc", epoch=EPOCH, frame="TOD"),
-        "SPICE refuses the kernel.*J2000 is EME2000",
+        "SPICE refuses the kernel: The ref.*J2000 is EME2000",
     ),
     "spacecraft": (lambda run: kr.export(run, "x.bc", epoch=EPOCH, spacecraft=7), "below 0, got 7"),
     "scale": (
         lambda run: kr.export(run, "x.bc", epoch=EPOCH, time_system="GPS"),
         "expected UTC, TAI or TT",
     ),
-    "backwards": (lambda run: kr.export(run.isel(time=[1, 0]), "x.aem", epoch=EPOCH), "increasing times, got others"),
+    "backwards": (
+        lambda run: kr.export(run.isel(time=[1, 0]), "x.aem", epoch=EPOCH),
+        "times increase by micro.*got others",
+    ),
+    "same dates": (
+        lambda run: kr.export(run.assign_coords(time=run.time * 1e-7), "x.aem", epoch=EPOCH),
+        "times increase by micro.*got others",
+    ),
+    "no row": (lambda run: kr.export(run.isel(time=[]), "x.aem", epoch=EPOCH), "times increase by micro.*got others"),
+    "in minutes": (
+        lambda run: kr.export(kr.units.measured(run, time="min"), "x.aem", epoch=EPOCH),
+        "such as one of units.measured",
+    ),
+    "scale of the orbit": (lambda run: kr.export(dated(), "x.oem", time_system="TAI"), "expected UTC.*got 'TAI'"),
+    "not ASCII": (lambda run: kr.export(run, "x.bc", epoch=EPOCH, name="été"), "name: expected a word in ASCII"),
     "one row": (lambda run: kr.export(run.isel(time=0), "x.aem", epoch=EPOCH), r"single row is run.isel\(time=\[0"),
     "before UTC": (lambda run: kr.export(run, "x.bc", epoch="1957-10-04"), "from 1972 on"),
 }

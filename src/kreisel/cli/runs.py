@@ -238,7 +238,8 @@ def export(
     angles: str | None = opt("Add pitch, roll and yaw: orbit, lvlh, inertial or ground."),
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV, NPZ; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
-    from kreisel.storage.exporting import date_of, export as write
+    from kreisel.storage.exporting import export as write
+    from kreisel.storage.messages import date_of
 
     write(archive, out, overwrite=overwrite, epoch=None if epoch is None else date_of(epoch, "--epoch"), angles=angles)
     say(f"{archive} -> {out}")
