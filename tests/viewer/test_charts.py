@@ -300,6 +300,20 @@ def test_an_mp4_replaces_one_of_kreisel_only(run, tmp_path, monkeypatch):
         kr.view(run).movie(tmp_path / "mine.mp4", seconds=0.2, fps=10)
 
 
+def test_an_interrupted_film_is_not_encoded(run, tmp_path, monkeypatch):
+    """Ctrl-C and SIGTERM end it at once: matplotlib would encode all pictures so far, for minutes."""
+    encoded = []
+
+    def interrupted(self, **_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(animation.PillowWriter, "grab_frame", interrupted)
+    monkeypatch.setattr(animation.PillowWriter, "finish", lambda self: encoded.append(self))
+    with pytest.raises(KeyboardInterrupt):
+        kr.view(run).movie(tmp_path / "a.gif", seconds=0.2, fps=10)
+    assert not encoded and not list(tmp_path.iterdir())
+
+
 def test_films_that_cannot_be(run, tmp_path):
     with pytest.raises(kr.InputError, match=r"speed must be a positive number, .* got -1\.$"):
         kr.view(run).movie(tmp_path / "a.gif", speed=-1)
@@ -310,6 +324,8 @@ def test_films_that_cannot_be(run, tmp_path):
         kr.view(far).movie(tmp_path / "a.gif")
     with pytest.raises(kr.InputError, match="seconds"):
         kr.view(run).movie(tmp_path / "a.gif", seconds=-1)
+    with pytest.raises(kr.InputError, match="seconds: expected at most 100 for fps = 20, got 1e"):
+        kr.view(run).movie(tmp_path / "a.gif", seconds=1e9)
     with pytest.raises(kr.InputError, match="no argument 'loop'"):
         kr.view(run).movie(tmp_path / "a.gif", loop=True)
     Image.new("L", (2, 2)).save(tmp_path / "mine.gif")

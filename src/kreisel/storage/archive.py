@@ -104,7 +104,10 @@ def metadata(store: Path) -> dict[str, Any]:
         root = parsed(path.read_bytes(), str(path))
         msgspec.convert(root, Root)
     except OSError as error:
-        raise InputError(f"{store} cannot be read as a Zarr archive: {error}") from error
+        raise InputError(
+            f"{store}: expected an archive, the folder that `kreisel run` writes, such as run.zarr; got a path that "
+            f"cannot be read as one: {error}"
+        ) from error
     except msgspec.ValidationError as error:
         cause = "another program wrote to the archive, or made it; xr.open_zarr opens it if it is complete"
         raise InputError(f"{path} is damaged: {error}. Usual cause: {cause}.") from None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -53,11 +55,13 @@ def movie(
         raise InputError("An .mp4 needs ffmpeg, which was not found. Install it, or give a name that ends in .gif.")
     if not data["windows"]:
         raise InputError("The saved states are too far apart for a film. Save more of them: a smaller every.")
-    pictures = min(max(2, round(duration * rate)), MOST_PICTURES)
+    if duration * rate > MOST_PICTURES:
+        raise InputError(f"seconds: expected at most {MOST_PICTURES / rate:g} for fps = {rate}, got {duration:g}.")
+    pictures = max(2, round(duration * rate))
     film = _Film(data, colours)
     times = film.begin + np.arange(pictures) * data["pace"] * tempo / rate
     times = times[times <= film.end]
-    writer: Any = animation.PillowWriter(fps=rate) if target.suffix.lower() == ".gif" else animation.FFMpegWriter(rate)
+    writer: Any = _Gif(fps=rate) if target.suffix.lower() == ".gif" else animation.FFMpegWriter(rate)
     with mpl.rc_context(cast("Any", colours.rc)), written(target) as scratch:
         figure = Figure(figsize=(PIXELS[0] / DPI, PIXELS[1] / DPI), dpi=DPI)
         FigureCanvasAgg(figure)
@@ -67,6 +71,15 @@ def movie(
                 writer.grab_frame()
         _mark(scratch)
     return target
+
+
+class _Gif(animation.PillowWriter):
+    @contextmanager
+    def saving(self, *args: Any, **named: Any) -> Iterator[Any]:
+        """A film that is complete, without `finish` after Ctrl-C or SIGTERM, which would encode it for minutes."""
+        self.setup(*args, **named)
+        yield self
+        self.finish()
 
 
 def _mark(film: Path) -> None:
