@@ -103,9 +103,9 @@ class Propagator:
 
     A state is a mapping of its components, or one array of `size` entries, (size,) or (lanes, size): the components in
     the order of `letters`; axial vectors for n = 3, else the entries of a skew matrix above the diagonal, row by row;
-    the orientation as a unit quaternion (w, x, y, z) for n = 3, else as a matrix, row by row.  Returned states have the
-    same form, followed by the observed quantities.  For arrays only shape and finiteness are checked.  Threads may
-    share a propagator.
+    the orientation as a unit quaternion (w, x, y, z) for n = 3, else as a matrix, row by row; the quaternion of a top
+    by "exact" may have the other sign than in `kr.at`.  Returned states have the same form, followed by the observed
+    quantities.  For arrays only shape and finiteness are checked.  Threads may share a propagator.
     """
 
     def __init__(self, model: Model, settings: Settings, oriented: bool, paced: bool):
