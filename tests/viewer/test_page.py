@@ -223,6 +223,18 @@ def test_a_change_far_below_rounding_is_in_its_strip(chromium, top, x0, tmp_path
 
 
 @needs_browser
+def test_labels_of_short_times_are_the_times(chromium, tmp_path):
+    """Of a tenth of a millisecond; they had three decimals, all of them 0."""
+    body = kr.physical.FreeBody((1, 2, 2.5))
+    run = kr.simulate(body, body.state((1e4, 2e4, 0)), dt=1e-6, t_end=1e-4, progress=False)
+    opened(chromium, kr.view(run), tmp_path / "short.html")
+    places, labels = chromium.run(
+        "(({ axes }) => [axes[0]._splits, axes[0]._values])(kreisel.drift.strips.at(-1).plot)"
+    )
+    assert len(places) > 2 and [float(label) for label in labels] == pytest.approx(places, rel=1e-9)
+
+
+@needs_browser
 def test_a_section_stands_beside_and_coordinates_can_be_chosen(chromium, top, x0, tmp_path):
     run = kr.simulate(top, x0, dt=0.05, steps=1000, progress=False)
     opened(chromium, kr.view(run, section=kr.analysis.section(run, "a[2]", 0.5)), tmp_path / "run.html")

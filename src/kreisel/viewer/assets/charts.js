@@ -54,7 +54,7 @@ const Charts = (() => {
       holder.className = "strip"; title.className = "striptitle"; title.textContent = strip.title;
       if (strip.lines.length > 1) for (const each of strip.lines) if (each.label) { const name = document.createElement("b"); name.textContent = ` ${each.label}`; name.style.color = each.stroke; title.append(name); }
       holder.append(title); box.append(holder);
-      const axis = { stroke: colours.ink, grid: { stroke: colours.grid, width: 1 }, ticks: { stroke: colours.grid, width: 1 }, font: FONT };
+      const axis = { stroke: colours.ink, grid: { stroke: colours.grid, width: 1 }, ticks: { stroke: colours.grid, width: 1 }, font: FONT, values: (u, all) => all.map((v) => `${+v.toPrecision(12)}`) };
       const log = strip.range ? { distr: 3, range: () => strip.range } : { range: (u, a, b) => (b > a ? [a - 0.06 * (b - a), b + 0.12 * (b - a)] : [a - 1, a + 1]) };
       const y = strip.range ? { ...axis, size: TICK, filter: (u, all) => all, splits: (u) => this.decades(strip.range, u.bbox.height / devicePixelRatio), values: (u, all) => all.map((v) => `1e${Math.round(Math.log10(v))}`) } : { ...axis, size: TICK, space: 22 };
       strip.plot = new Library.uPlot({
