@@ -444,6 +444,7 @@ BAD = [
     (lambda: kr.differentiable(TOP)({"m": START["m"]}, dt=0.1, steps=1), "expected the components m, a"),
     (lambda: kr.differentiable(TOP)({**START, "m": np.eye(3)}, dt=0.1, steps=1), "x0.axial"),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1.5), "an integer"),
+    (lambda: kr.differentiable(TOP)({**START, "m": [0, np.nan, 1]}, dt=0.1, steps=1), "m: expected finite values"),
     (lambda: kr.differentiable(HEAVY, method="kahan")(MOVING, dt=0.1, steps=1, J=(1, 2, -1.5)), "J"),
     (lambda: kr.differentiable(TOP, orientation=np.eye(3)), "Derivatives of the orientation: expected another method"),
     (lambda: kr.differentiable(HEAVY, orientation=True, method="kahan")(MOVING, dt=0.1, steps=1), "M, P, g, got"),

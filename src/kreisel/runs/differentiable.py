@@ -363,6 +363,8 @@ def _start_of(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, b
         if letter == ORIENTATION and not by.is_traced(value):
             value = initial_orientation(value, model)
         x = by.array(value, letter)
+        if not by.is_traced(x) and not np.isfinite(x).all():
+            raise InputError(f"{letter}: expected finite values, got {shown(value)}.")
         form = algebra.KINDS[kind].shown(model.n)
         wanted = form.shape(model.n)
         if x.shape != wanted:
