@@ -51,6 +51,8 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=True), "an integer"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, every=100), "Use every <= steps"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, every=0), "every must be"),
+    (lambda run: kr.simulate(WHEELED, WHEELED.state(), dt=0, t_end=9, every="3 s"), "dt must be a positive number"),
+    (lambda run: kr.simulate(WHEELED, WHEELED.state(), dt=1e-320, t_end=9, every="3 s"), "at least 1e-100"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, t_end=3), "got both"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, order="4"), "order must be an integer"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, order=3), "one of its orders"),

@@ -29,7 +29,7 @@ from kreisel.record.model import Model, State
 from kreisel.record.perturbation import FIELDS
 from kreisel.record.units import AXES, BODY, OF_SYSTEM, STATE, BodyFrame, Scale, scaling, unchanged
 from kreisel.runs.run_record import CLOCKS, FORM, SI, RunRecord, frame_of, lanes_of
-from kreisel.runs.settings import Event, NamedComponents, checked_events, initial_orientation
+from kreisel.runs.settings import Event, NamedComponents, checked_events, initial_orientation, positive_number
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -379,7 +379,7 @@ def steps_in(frame: BodyFrame, value: Any, dt: float, name: str) -> Any:
         raise InputError(f"{name}: expected a number of steps, or a duration with units, '{value:g} s', got {value!r}.")
     if not (isinstance(value, str) or hasattr(value, "units") or hasattr(value, "to_value")):
         return value
-    ratio = duration(frame, value, name) / dt
+    ratio = duration(frame, value, name) / positive_number(dt, "dt")
     count = round(ratio)
     if count < 1 or abs(ratio - count) > NEAR * ratio:
         raise InputError(
