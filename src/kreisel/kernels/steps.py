@@ -23,8 +23,9 @@ from kreisel.graph.recording import Piece, Recording
 # order 2 (93) -, 3.3, 3.2, 3.8, of order 8 (233 a stage) 24, 18, 16, -; n = 5: lagrange-top (143) 9.0, 8.8, 7.5, -.
 # Each more needs longer to compile.  Operations of all four alternate, as a processor looks only some hundred of them
 # ahead: kovalevskaya-gyrostat (67) 3.2 and 3.5 with two of them, ratiu-top (46) 2.4 and 2.7, kovalevskaya-top-e3 (56)
-# 3.0 and 3.5; n = 5: lagrange-top (117) 7.0 and 7.6; shorter ones differ by 2 %.
-FOUR_VECTORS, TWO_VECTORS = 120, 300  # operations of a step up to which it needs so many; beyond, in recorded order
+# 3.0 and 3.5; n = 5: lagrange-top (117) 7.0 and 7.6; shorter ones differ by 2 %.  1 and 2 vectors, Zen 3: moving frame,
+# n = 6 (456) 40 and 36; baecklund, n = 5 (521) 52 and 51; a perturbed top by order (10, 2) (about 550) 56 and 50.
+FOUR_VECTORS, TWO_VECTORS = 120, 600  # operations of a step up to which it needs so many; beyond, in recorded order
 
 # The words of a frame, which an engine keeps: addresses of the rows z (lanes, d), c (lanes, constants) and
 # s (lanes, stages, constants), and of room for scalars of the stages; how many lanes and stages; steps between two
