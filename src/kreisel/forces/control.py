@@ -121,7 +121,7 @@ def require_whole_samples(model: Model, dt: float, start: float = 0.0, name: str
 
 
 def samples_missed(model: Model, dt: Any, start: Any, end: Any) -> Any:
-    """Whether steps of dt go back or pass a sample between start and end; values may be arrays of JAX."""
+    """True for steps of dt that go back, or pass a sample between start and end; values may be arrays of JAX."""
     control = _sampler(model)
     if control is None:
         return False

@@ -25,7 +25,7 @@ from kreisel.graph.recording import Piece, Recording
 # ahead: kovalevskaya-gyrostat (67) 3.2 and 3.5 with two of them, ratiu-top (46) 2.4 and 2.7, kovalevskaya-top-e3 (56)
 # 3.0 and 3.5; n = 5: lagrange-top (117) 7.0 and 7.6; shorter ones differ by 2 %.  1 and 2 vectors, Zen 3: moving frame,
 # n = 6 (456) 40 and 36; baecklund, n = 5 (521) 52 and 51; a perturbed top by order (10, 2) (about 550) 56 and 50.
-FOUR_VECTORS, TWO_VECTORS = 120, 600  # operations of a step up to which it needs so many; beyond, in recorded order
+FOUR_VECTORS, TWO_VECTORS = 120, 600  # most operations of a step in this count of vectors; beyond, in recorded order
 
 # The words of a frame, which an engine keeps: addresses of the rows z (lanes, d), c (lanes, constants) and
 # s (lanes, stages, constants), and of room for scalars of the stages; how many lanes and stages; steps between two

@@ -63,9 +63,7 @@ class Subject:
     model: Model | None = None
 
     def __post_init__(self) -> None:
-        if not all(
-            isinstance(name, str) and name.isascii() and name for name in self.names
-        ):  # python-flint prints them
+        if not all(isinstance(name, str) and name.isascii() and name for name in self.names):  # for python-flint
             raise InputError(f'names: expected names in ASCII letters, such as ("x", "phi"), got {shown(self.names)}.')
         if len(set(self.names)) != len(self.names):
             raise InputError(f"names: expected each coordinate once, got {shown(self.names)}.")
