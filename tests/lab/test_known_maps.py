@@ -66,6 +66,7 @@ def test_darboux_polynomials_over_q(name: str, degree: int, count: int) -> None:
     what = of_name(name)
     found = darboux(what, degree)
     assert len(integrals.without_dependent(what, list(found.integrals))) == count and found.densities
+    assert {type(k) for _, powers in found.cofactors for k in powers} <= {int}  # a Fraction has no powers of flint's
     for seed in (0, 1):
         x = rational_point(what.dim, seed)
         duals = what.step(independent(x))

@@ -64,9 +64,9 @@ def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
     cofactors: list[Cofactor] = []
     for d in range(1, degree + 1):
         exponents = list(monomials(subject.dim, d))
-        data = {p: _points(subject, factors, p, 3 * len(exponents) + SPARE, seed) for p in PRIMES}
+        data = {p: _points(subject, factors, p, exponents, seed) for p in PRIMES}
         for powers in _powers(factors, poles, most, d, jacobian[1]):
-            for c in _numbers(data[PRIMES[0]], powers, exponents):
+            for c in _numbers(data[PRIMES[0]], powers):
                 products = _products(polynomials, cofactors, (c, powers), exponents)
                 for terms in _of_cofactor(data, (c, powers), exponents, products):
                     polynomials.append(Polynomial(terms, subject.names))
@@ -111,13 +111,13 @@ def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int, Powers]
         leading, powers = f.factor()
         c *= fraction(leading) ** sign
         for factor, k in powers:
-            powers_of[str(factor)] = factor, powers_of.get(str(factor), (factor, 0))[1] + sign * k
+            powers_of[str(factor)] = factor, powers_of.get(str(factor), (factor, 0))[1] + sign * int(k)
     common: Any = x[0].d  # 1
     for v in values:
         common = common * (v.d // common.gcd(v.d))
     degree = max(common.total_degree(), *((v.n * (common // v.d)).total_degree() for v in values))
     factors = [Polynomial(integrals.terms_of(f), subject.names) for f, _ in powers_of.values()]
-    poles = {str(f): k for f, k in common.factor()[1]}
+    poles = {str(f): int(k) for f, k in common.factor()[1]}
     powers = tuple(k for _, k in powers_of.values())
     return factors, (c, powers), degree, tuple(poles.get(f, 0) for f in powers_of)
 
@@ -135,36 +135,36 @@ def _products(
     if C[0] == 1 and not any(C[1]):
         out.append({exponents[0]: Fraction(1)})
     for chosen in products([P.degree for P in polynomials], sum(exponents[-1])):
-        number = math.prod((cofactors[i][0] for i in chosen), start=Fraction(1))
-        if number == C[0] and all(sum(cofactors[i][1][j] for i in chosen) == k for j, k in enumerate(C[1])):
+        powers = all(sum(cofactors[i][1][j] for i in chosen) == k for j, k in enumerate(C[1]))
+        if powers and math.prod((cofactors[i][0] for i in chosen), start=Fraction(1)) == C[0]:
             out.append(expanded([polynomials[i] for i in chosen]))
     return out
 
 
-def _rows(data: Points, C: Cofactor, exponents: list[Any], p: int) -> tuple[Array, Array]:
+def _rows(data: Points, C: Cofactor, p: int) -> tuple[Array, Array]:
     """The monomials at f(x), and C times those at x, modulo p."""
     new, old, values = data
     cofactor = np.full(len(old), residue(C[0], p), dtype=np.int64)
     for v, k in zip(values, C[1], strict=True):
         for _ in range(abs(k)):
             cofactor = cofactor * v[int(k < 0)] % p
-    return monomial_values(new, exponents, p), cofactor[:, None] * monomial_values(old, exponents, p) % p
+    return new, cofactor[:, None] * old % p
 
 
-def _numbers(data: Points, powers: Powers, exponents: list[Any]) -> list[Fraction]:
+def _numbers(data: Points, powers: Powers) -> list[Fraction]:
     """All c for which c times the powers is a cofactor.
 
     From A P = c B P at two sets of points: (M - M') P = 0, M = B^-1 A, and on this space M has the eigenvalues c.
     """
-    p, n = PRIMES[0], len(exponents)
-    A, B = _rows(data, (Fraction(1), powers), exponents, p)
+    p, n = PRIMES[0], data[0].shape[1]
+    A, B = _rows(data, (Fraction(1), powers), p)
     try:
         M, M1 = (modular.matrix(B[k : k + n], p).solve(modular.matrix(A[k : k + n], p)) for k in (0, n))
     except ZeroDivisionError:
         return []
-    vectors = modular.kernel(modular.entries(M - M1), p).T
-    if not vectors.size:
+    if (M - M1).rank() == n:
         return []
+    vectors = modular.kernel(modular.entries(M - M1), p).T
     leads = modular.reduced(vectors.T, p)[1]
     moved = modular.product(modular.entries(M), vectors, p)
     matrix = modular.matrix(vectors[leads], p).solve(modular.matrix(moved[leads], p))
@@ -176,20 +176,22 @@ def _of_cofactor(
     data: dict[int, Points], C: Cofactor, exponents: list[Any], earlier: list[dict[Any, Fraction]]
 ) -> list[dict[Any, Fraction]]:
     def rows(p: int) -> Array:
-        A, B = _rows(data[p], C, exponents, p)
+        A, B = _rows(data[p], C, p)
         return (A - B) % p
 
     few = len(modular.kernel(rows(PRIMES[0]), PRIMES[0])) <= len(earlier)
     return [] if few else integrals.rational_kernel(rows, exponents, earlier)
 
 
-def _points(subject: Subject, factors: list[Polynomial], p: int, points: int, seed: int) -> Points:
-    """f(x), x (points, d), and the factors with their inverses (2, points) at random x modulo p."""
+def _points(subject: Subject, factors: list[Polynomial], p: int, exponents: list[Exponents], seed: int) -> Points:
+    """Monomials (points, count) at f(x) and x, the factors and their inverses (2, points), at random x modulo p."""
+    points = 3 * len(exponents) + SPARE
 
     def drawn(attempt: int) -> Points:
         x = random_residues(np.random.default_rng([seed, attempt, p]), p, points)((subject.dim,))
         new, old = (stacked(z, points).T for z in (subject.over(p)(x), x))
         values = [f(x) for f in factors]
+        new, old = (monomial_values(z, exponents, p) for z in (new, old))
         return new, old, [residues_at(objects([v, 1 / v]), points, p).T for v in values]
 
     return without_poles(subject.name, drawn)

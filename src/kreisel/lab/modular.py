@@ -158,13 +158,13 @@ def reconstructed(r: int, p: int) -> Fraction | None:
 
 def matrix(A: Array, p: int) -> Any:
     """A matrix of python-flint modulo p."""
-    return require_flint().nmod_mat(*A.shape, [int(v) for v in A.ravel()], p)
+    return require_flint().nmod_mat(*A.shape, [*map(int, A.ravel().tolist())], p)
 
 
 def entries(matrix: Any) -> Array:
     """The entries of a matrix of python-flint as 64-bit integers."""
     shape = matrix.nrows(), matrix.ncols()
-    return np.array([int(v) for v in matrix.entries()], dtype=np.int64).reshape(shape)
+    return np.array([*map(int, matrix.entries())], dtype=np.int64).reshape(shape)
 
 
 def rank(A: Array, p: int) -> int:
