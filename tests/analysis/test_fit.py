@@ -158,6 +158,19 @@ def test_a_direction_has_two_values_and_an_attitude_three() -> None:
         assert abs(found.table["value"] - M0).max() < 5 * found.table["error"].max()
 
 
+def test_errors_of_rotation_matrices_are_of_their_angles() -> None:
+    """n = 4, rotated by six angles of size NOISE: chi^2 is 6 a row, was 12; of values that are not rotations 16."""
+    rng, top = np.random.default_rng(7), kr.EulerTop(J=(1.0, 2.0, 3.0, 4.0))
+    true, half = np.linalg.qr(rng.normal(size=(400, 4, 4))).Q, algebra.skew(NOISE / 2 * rng.normal(size=(400, 6)), 4)
+    turned = true @ np.linalg.solve(np.eye(4) - half, np.eye(4) + half)
+    loose = true + NOISE * rng.normal(size=(400, 4, 4))
+    for g, sigma, values in ((turned, NOISE, 6), (turned, None, 6 * NOISE**2), (loose, NOISE, 16)):
+        data = seen(np.arange(400.0), g=g, **({} if sigma is None else {"sigma_g": sigma}))
+        observations = fits.observed(top, data, 1.0, {}, {"g": np.eye(4)})
+        residuals = observations.flat(observations.differences([true]))
+        assert residuals @ residuals / 400 == pytest.approx(values, rel=0.15)  # five standard deviations
+
+
 def test_observables_and_numbers_of_the_instrument() -> None:
     time = np.arange(80) * 0.1
     off = np.array([0.1, -0.2, 0.05])

@@ -25,6 +25,7 @@ VELOCITY = "Omega"
 ATTITUDE = "orientation"
 ON_STEP = 1e-9  # of a step: a time this close to a step counts as the step
 NORMALIZED = 0.1  # of the residuals: deviations of lengths from 1 that are rounding
+ROTATION = 1e-6  # deviations of g g^T from 1 that are rounding, without errors
 MOST_NUMBERS = 10**8  # of rows and their derivatives
 Show = Callable[[Any, Mapping[str, Any], Any, Mapping[str, Any], Mapping[str, Any]], Any]
 
@@ -265,6 +266,8 @@ def observed(model: Model, data: Any, dt: float, observables: Any, starts: Mappi
     for name in names:
         show = _show(model, name, observables, data[name].attrs.get(AXES), oriented)
         value, sigma = _values(model, data, name)
+        if name == ORIENTATION and value.ndim == 3:
+            sigma = sigma * _of_angles(value, sigma if SIGMA + name in data else None)[:, None, None]
         mask = np.isfinite(value) if name in (ORIENTATION, *observables) else _independent(value)
         variables.append(Variable(name, value, sigma, mask, show, tuple(map(str, data[name].dims))))
     time = data["time"].values
@@ -330,6 +333,14 @@ def _values(model: Model, data: Any, name: str) -> tuple[Array, Array]:
         )
     unit = _size_of_unit(model, errors, name) if stated_unit(errors) else size
     return values / size, np.where(finite, sigma, 1) / unit
+
+
+def _of_angles(value: Array, sigma: Array | None) -> Array:
+    """Changes (time,) of matrices by an angle of 1: sqrt 2 of rotations, each of whose angles changes two entries."""
+    X = np.nan_to_num(value)
+    off = np.sqrt(((X @ X.mT - np.eye(X.shape[-1])) ** 2).mean((1, 2)))
+    least = ROTATION if sigma is None else NORMALIZED * sigma.min((1, 2))
+    return np.where(off < least, math.sqrt(2), 1.0)
 
 
 def _independent(value: Array) -> Array:
