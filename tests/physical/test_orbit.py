@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 import kreisel as kr
-from kreisel.physical import SUN, Orbit, Satellite
+from kreisel.physical import SUN, Orbit, Primary, Satellite
 
 NOON = dt.datetime(2026, 3, 20, 12, tzinfo=dt.UTC)
 
@@ -71,6 +71,14 @@ FIRST, SECOND = (
 )
 TIMES = np.arange(0.0, 20_000.0, 600.0)
 MOVING = Orbit(7e6, 0.01, 0.9).at(TIMES)
+
+
+def through(z: float, part: float) -> Orbit:
+    """A path through an apsis over the pole of an oblate body, where v^2 is this part of mu/r."""
+    body = Primary("disc", 4e14, 1e6, J2=0.3)
+    return Orbit.from_state((0, 0, z), (np.sqrt(part * body.mu / z), 0, 0), body, J2=True)
+
+
 BAD: dict[str, tuple[Callable[[], object], str]] = {
     "epoch": (lambda: Orbit(7e6, epoch="20.3.2026"), "epoch: expected a date in UTC"),
     "number": (lambda: Orbit(7e6, epoch=2461120.0), "epoch: expected a date in UTC"),
@@ -81,6 +89,8 @@ BAD: dict[str, tuple[Callable[[], object], str]] = {
     "escape": (lambda: Orbit.from_state((7e6, 0, 0), (0, 11.2e3, 0)), "expected a state on an ellipse"),
     "plunge": (lambda: Orbit.from_state((7e6, 0, 0), (-1e3, 0, 0)), "expected a state on an ellipse"),
     "fall with J2": (lambda: Orbit.from_state((0, 0, 7e6), (50, 0, 0), J2=True), "hits the Earth"),
+    "no mean energy": (lambda: through(1.2e6, 1.99), "a mean ellipse, .* nearly parabolic"),
+    "no mean speed": (lambda: through(1.2e6 * 499, 0.004), "a mean ellipse, .* nearly parabolic"),
     "in km": (lambda: Orbit.from_state((7e3, 0, 0), (0, 7.5, 0)), "hits the Earth.*km for m"),
     "name of a set": (lambda: Orbit.from_tle("ISS (ZARYA)", FIRST), "line1: expected line 1 of a two-line"),
     "lines swapped": (lambda: Orbit.from_tle(SECOND, FIRST), "line1: expected line 1 of a two-line"),

@@ -196,6 +196,11 @@ class Orbit:
             sums = (3 * h[2] ** 2 / (h @ h) - 1) * (-2 * energy / (h @ h)) ** 1.5
             sums += 2 * (3 * (r[2] / size) ** 2 - 1) / size**3
             change = primary.mu * primary.J2 * primary.radius**2 / 4 * sums
+            if not -v @ v / 2 < change < -energy:
+                raise InputError(
+                    f"r, v: expected a state with a mean ellipse, got the energy {energy:g} m^2/s^2, of which J2 = "
+                    f"{primary.J2:g} makes {energy + change:g}. Usual cause: a nearly parabolic orbit. Use J2=False."
+                )
             v, energy = v * math.sqrt(1 + 2 * change / (v @ v)), energy + change
             h = np.cross(r, v)
         node = math.atan2(h[0], 0.0 - h[1])  # an angle that is not defined is 0
