@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import random
@@ -265,6 +266,29 @@ def test_a_checkpoint_that_claims_too_much(top: object, x0: object, tmp_path: Pa
     assert kr.resume(path, extend=6000).attrs["steps"] == 6000
 
 
+@contextlib.contextmanager
+def mode_of(path: Path, mode: int) -> Iterator[None]:
+    path.chmod(mode)
+    try:
+        yield
+    finally:
+        path.chmod(0o755)
+
+
+def without_privileges(call: str) -> subprocess.CompletedProcess[str]:
+    code = f"""
+import sys
+sys.path.insert(0, {str(ROOT / "benchmarks" / "trial")!r})
+import sandbox, kreisel as kr
+sandbox.drop()
+try:
+    {call}
+except (kr.InputError, kr.RunError) as error:
+    print("refused", error)
+"""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+
+
 @pytest.mark.parametrize(
     ("place", "mode"), [("energy/c/0", 0o000), ("energy", 0o400), ("energy/c", 0o000), ("", 0o000)]
 )
@@ -273,23 +297,24 @@ def test_files_and_folders_that_may_not_be_read(place: str, mode: int, top: obje
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
     before = values(path)
-    (path / place).chmod(mode)
-    trial = ROOT / "benchmarks" / "trial"
-    code = f"""
-import sys
-sys.path.insert(0, {str(trial)!r})
-import sandbox, kreisel as kr
-sandbox.drop()
-try:
-    kr.open_run({str(path)!r}).load()
-except kr.InputError as error:
-    print("refused", error)
-"""
-    try:
-        run = [sys.executable, "-c", code]
-        done = subprocess.run(run, capture_output=True, text=True, check=False, timeout=60)
-    finally:
-        (path / place).chmod(0o755)
+    with mode_of(path / place, mode):
+        done = without_privileges(f"kr.open_run({str(path)!r}).load()")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("refused") == 1, done.stdout
     assert same(values(path), before)
+
+
+@pytest.mark.parametrize("place", ["", "engine"])
+def test_a_finished_archive_that_may_not_be_written_keeps_its_name(
+    place: str, top: object, x0: object, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    before = values(path)
+    with mode_of(path / place, 0o555):
+        done = without_privileges(f"kr.resume({str(path)!r}, extend=6000)")
+    assert "refused" in done.stdout, done.stderr
+    assert "Permission denied" in done.stdout, done.stdout
+    assert [file.name for file in tmp_path.iterdir()] == ["run.zarr"]
+    assert same(values(path), before)
+    assert kr.resume(path, extend=6000).attrs["steps"] == 6000

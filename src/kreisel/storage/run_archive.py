@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -199,6 +200,8 @@ def reopen(
         node["attributes"] = saved.get(name, node)["attributes"]
     with _disk(path, "be opened again"):
         if store == path:
+            if not all(os.access(folder, os.W_OK) for folder in (path, (path / CHECKPOINT).parent)):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))  # before it loses its name
             os.replace(path, part)
         archive.unseal(part)  # no longer complete, and as long as the plan
         opening.write_checkpoint(part, point._replace(outputs=observed(plan, point.snapshot)))  # rows in no block
