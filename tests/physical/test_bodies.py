@@ -429,3 +429,14 @@ def test_a_run_beyond_igrf_warns() -> None:
     for asked in ({"t_end": "2 day"}, {"steps": 288}, {"times": ["1 h", "2 day"]}):  # a method that stops the run
         with pytest.warns(kr.InputWarning, match="and the run takes 2"), pytest.raises(kr.InputError, match="method"):
             kr.simulate(many, many.state(), dt="10 min", **asked, method="none")
+
+
+def test_sweeps_and_resumed_runs_beyond_igrf_warn(tmp_path: Path) -> None:
+    body = Satellite((0.05, 0.04, 0.01), Orbit.circular("500 km", epoch="2029-12-31"), degree=1)
+    asked: dict[str, Any] = {"dt": "10 min", "progress": False}
+    over = {"t_end": "1500 min", "over": {"magnetic_moment": [(0.0, 0.0, 0.1), (0.0, 0.1, 0.0)]}, "workers": 0}
+    with pytest.warns(kr.InputWarning, match="holds until 2030-01-01, 1 days after the epoch, and the run takes 1"):
+        kr.sweep(body, {}, path=tmp_path / "s.zarr", **asked, **over)
+    kr.simulate(body, body.state(), path=tmp_path / "r.zarr", steps=1, **asked)
+    with pytest.warns(kr.InputWarning, match="holds until 2030-01-01, 1 days after the epoch, and the run takes 2"):
+        kr.resume(tmp_path / "r.zarr", extend="2 day", system=body, progress=False)

@@ -175,7 +175,11 @@ def resume(
             if extend is not end:  # a time
                 extend -= round((record.t_start or 0.0) / record.dt)
         archive, integration = reopen(where, None if extend is None else within(extend, "extend"), model, events)
-        return presented(watched(_write(archive, integration, progress)), integration.plan.model)
+        if isinstance(system, Body):
+            end = (record.t_start or 0.0) + integration.plan.steps * record.dt
+            for sentence in system._doubts(end * frame.time_unit):
+                doubt(sentence)
+        return doubted(system, presented(watched(_write(archive, integration, progress)), integration.plan.model))
 
 
 def _write(archive: RunArchive, integration: Integration, progress: bool | None) -> xr.Dataset:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +30,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.random import GENERATOR
 from kreisel.bodies import KNOWN
-from kreisel.errors import InputError, RunError, hint, shown
+from kreisel.errors import InputError, RunError, doubt, hint, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome
 from kreisel.method.auto import Choice
@@ -370,6 +371,10 @@ def of_body_in_si(
     settings = _settings(
         model, run, [{q.letter: v for q, v in lane.items() if q.section == "run"} for lane in values_by_lane]
     )
+    with suppress(TypeError, ValueError):  # of settings that the sweep refuses
+        ends = np.multiply(settings.get("dt", 0.0), settings.get("steps", 0)) + (settings.get("t_start") or 0.0)
+        for sentence in many._doubts(float(ends.max()) * model.body_frame.time_unit):
+            doubt(sentence)
     listed |= {f"state.{letter}": value for letter, value in start.items()}
     listed |= {f"run.{name}": value for name, value in settings.items() if isinstance(value, list)}
     axes = [[axis, size, {q.name: in_base_units(v) for q, v in tables.items()}] for axis, size, tables in lanes.folded]
