@@ -65,7 +65,7 @@ def test_the_rotation_that_the_documentation_of_spice_turns(tmp_path: Path) -> N
     assert np.allclose(rate, [0, 0, quarter])
 
 
-@pytest.mark.parametrize("system", ["UTC", "TAI"])
+@pytest.mark.parametrize("system", ["UTC", "utc", "TAI"])
 def test_dates_count_leap_seconds_as_astropy_does(spinning: xr.Dataset, tmp_path: Path, system: str) -> None:
     """Rows every half second from 10 s before the end of 2016, when UTC had a second 60."""
     from astropy.time import Time
@@ -77,7 +77,7 @@ def test_dates_count_leap_seconds_as_astropy_does(spinning: xr.Dataset, tmp_path
     assert np.allclose((times - times[0]).to_value("s"), spinning.time, rtol=0, atol=1e-6)
     kr.export(spinning, tmp_path / "zone.aem", epoch="2017-01-01T01:59:50+02:00", time_system=system)  # no warning
     assert (tmp_path / "zone.aem").read_text().split("DATA_START\n")[1].startswith(dates[0])
-    assert ("2016-12-31T23:59:60.500000" in dates) == (system == "UTC")
+    assert ("2016-12-31T23:59:60.500000" in dates) == (system != "TAI")
 
 
 @needs_spice

@@ -151,6 +151,7 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
         value = chosen[key]
         if isinstance(usual, str) and not (isinstance(value, str) and WORD.fullmatch(value)):
             raise InputError(f"{key}: expected a word in ASCII, got {shown(value)}.")
+    chosen["time_system"] = chosen["time_system"].upper()
     if "lane" in run.dims:
         raise InputError("expected the run of one body, got several lanes. Give run.isel(lane=0).")
     if "kreisel_measured" in run.attrs or "time" not in run:  # without date and primary, and its time may be in minutes
