@@ -169,9 +169,10 @@ def require_file(path: Path, overwrite: bool = True) -> None:
     if not stands(path):
         return
     if not _wrote(path):
+        cause = " Tables in CSV have no mark." * (path.suffix.lower() == ".csv")
         raise InputError(
-            f"{path} is unchanged: expected nothing there or a file that Kreisel wrote and marked, got something else. "
-            "Choose another name, or move it away."
+            f"{path} is unchanged: expected nothing there or a file that Kreisel wrote and marked, got something else."
+            f"{cause} Choose another name, or move it away."
         )
     if not overwrite:
         raise InputError(

@@ -78,7 +78,8 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
             continue
         unit, size = scale.unit, scale.size
         if name in wanted:
-            size *= converted(registry().Quantity(1.0, scale.unit), wanted[name], name).magnitude
+            converted(1.0 * parsed_unit(wanted[name], name), unit, name)  # a message in the words of the run
+            size *= converted(registry().Quantity(1.0, unit), wanted[name], name).magnitude
             unit = wanted[name]
         variable = variable if size == 1 else variable * size
         out = out.assign_coords({name: variable}) if name in turned.coords else out.assign({name: variable})

@@ -19,6 +19,7 @@ TOP, BODY = kr.LagrangeTop(p=(0, 0, 1)), kr.Clebsch(b=(1, 2, 4))
 X0 = TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
 XB = BODY.state(M=(1, 0.2, 0.3), P=(0.6, 0, 0.8))
 WHEELED = kr.physical.Satellite((1, 2, 2.5), kr.physical.Orbit.circular("500 km"), wheels=kr.physical.Wheels(np.eye(3)))
+GYRO = kr.physical.Gyroscope.flat(3.0, 0.17, 0.15)
 DESIGN = kr.Design(grid={"system.alpha": [1, 2]})
 GRID: dict[str, Any] = {"dt": 0.1, "steps": 3, "path": "s.zarr", "workers": 0}
 # (what is called, words of the message)
@@ -130,6 +131,12 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
         "FreeBody.ellipsoid has no argument 'semi_axes'. Its arguments are: mass, diameters,",
     ),
     (
+        lambda run: physical.Satellite((1, 2, 2.5), WHEELED.orbit, plates=physical.Plate((1, 0, 0), (0, 0, 1), 1.0)),
+        "plates: expected a list of Plate(normal, centre, area), got Plate",
+    ),
+    (lambda run: kr.simulate(GYRO, GYRO.state(0.1, 9.0), dt="-2 ms", t_end="1 s"), "multiples of 0.1"),
+    (lambda run: kr.simulate(GYRO, GYRO.state(0.1, 9.0), dt="2 ms", t_end="-1 s"), "multiples of 0.1"),
+    (
         lambda run: kr.sweep(WHEELED, {}, kr.Design(grid={"state.atitude": [1, 2]}), **GRID),
         "expected spin, axis, attitude, momentum, got 'atitude'",
     ),
@@ -240,6 +247,8 @@ COMMANDS: list[tuple[list[str], str]] = [
     (["sweep", "run.toml"], "needs a section [sweep]"),
     (["resume", "nowhere.zarr"], "There is no archive"),
     (["resume", "run.zarr", "--extend", "10"], "expected more"),
+    (["resume", "run.zarr", "--extend", "1e1"], "expected more"),
+    (["resume", "run.zarr", "--extend", "2 h"], "extend must be an integer"),
     (["check", "run.toml"], "cannot be read"),
     (["plot", "run.toml"], "cannot be read"),
     (["plot", "run.zarr", "-o", "x.gif"], "ends in .png"),

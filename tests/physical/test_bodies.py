@@ -111,6 +111,23 @@ def test_a_run_in_si_has_units_that_are_asked_for() -> None:
     assert kr.units.quantity(cgs.time[-1]).to("s").magnitude == pytest.approx(1)
     with pytest.raises(kr.InputError, match="momentum, energy, time"):
         kr.units.measured(run, M="g cm^2/s")
+    with pytest.raises(kr.InputError, match=r"time must have the dimension of s, got 1\.0 meter"):
+        kr.units.measured(run, time="m")
+    for function in (kr.drift, kr.plot, kr.view):
+        with pytest.raises(kr.InputError, match=r"units\.measured.*Give the run itself"):
+            function(cgs)
+
+
+def test_an_unknown_argument_belongs_to_no_lane() -> None:
+    for value in (1.0, (1.0, 2.0)):
+        with pytest.raises(kr.InputError, match=r"^FreeBody has no argument 'moments'"):
+            FreeBody((1, 2, 2.5), moments=value)
+
+
+def test_light_without_plates_is_named_as_the_argument() -> None:
+    dark = Satellite((1, 2, 2.5), Orbit.circular("500 km"), light=1.0)
+    with pytest.warns(kr.InputWarning, match=r"light and its pressure: expected plates too"):
+        kr.simulate(dark, dark.state((0, 0, 0.1)), dt=1, steps=2)
 
 
 def test_a_floating_ball_goes_straight_on() -> None:

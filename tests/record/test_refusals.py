@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -155,3 +156,11 @@ def test_phase_spaces_in_any_unit(size: float) -> None:
     for wrong in ({"x": x, "q": size * off}, {"x": (1 + 1e-9) * x, "q": q}, {"x": 0 * x, "q": 0 * q}):
         with pytest.raises(kr.InputError, match="must lie on"):
             particle.state(**wrong)
+
+
+def test_a_system_without_a_flow_is_not_told_to_leave_the_method_out() -> None:
+    system = replace(user_system(stopping), flow=None)()
+    with pytest.raises(InputError, match=r"states its flow, got of-a-user with n = 3\. None fits"):
+        kr.simulate(system, system.state(M=STATE), dt=0.1, steps=3)
+    with pytest.raises(InputError, match="Leave method out"):
+        kr.simulate(kr.EulerTop(J=(1, 2, 3)), {"M": STATE}, dt=0.1, steps=3, method="brickwork")

@@ -50,6 +50,16 @@ def test_existing_archive_is_refused_and_kept(top: object, x0: object, tmp_path:
     assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
 
 
+def test_an_archive_of_a_later_format_is_named(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    file = path / "zarr.json"
+    file.write_text(file.read_text().replace('"kreisel_format": 1', '"kreisel_format": 2'))
+    for function in (kr.open_run, kr.resume):
+        with pytest.raises(kr.InputError, match=r"format 2 of a later version of Kreisel, expected 1\. Update"):
+            function(path)
+
+
 def test_failed_overwrite_keeps_the_old_archive(top: object, x0: object, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)

@@ -263,7 +263,7 @@ def test_no_message_advises_to_replace_a_file_without_a_mark(top: Any, x0: Any, 
     run, table = kr.simulate(top, x0, **OPTIONS), tmp_path / "top.csv"  # of plain text, which has no room for a mark
     kr.export(run, table)
     for overwrite in (False, True):
-        with pytest.raises(kr.InputError, match="Choose another name, or move it away"):
+        with pytest.raises(kr.InputError, match=r"CSV have no mark\. Choose another name, or move it away"):
             kr.export(run, table, overwrite=overwrite)
 
 

@@ -158,9 +158,9 @@ def doubts(**constants):
         )
     if np.any(constants["dipole"]) and not np.any(field) and not np.any(constants["gauss"]):
         yield "dipole: expected field too, the primary's, -7.59e15 T m^3 for the Earth, got 0: nothing rotates it."
-    for name in ("density", "pressure"):
+    for name, subject in (("density", "density"), ("pressure", "light and its pressure")):
         if np.any(constants[name]) and not np.any(constants["plates"][..., 6]):
-            yield f"{name}: expected plates too, on which it acts, got none: the satellite does not feel it."
+            yield f"{subject}: expected plates too, on which it acts, got none: the satellite does not feel it."
 
 
 def check_moments(value, name):

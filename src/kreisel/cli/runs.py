@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings
@@ -138,10 +139,9 @@ def resume(
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.simulate import resume as go_on
 
-    try:
-        end: Any = None if extend is None else int(extend)
-    except ValueError:
-        end = extend
+    end: Any = extend
+    with suppress(TypeError, ValueError):  # of None and "2 h"
+        end = float(end)
     with catch_warnings(action="ignore", category=ConservationWarning):  # the table and the exit code report it
         result = go_on(archive, extend=end)
     record = RunRecord.from_attrs(result.attrs)

@@ -124,9 +124,11 @@ class Method:
     def check(self, model: Model) -> None:
         """Raises `InputError` for a system that does not state the data that the method needs."""
         if not self.applies(model):
+            fits = any(method.may_be_default(model) for method in METHODS.values())
+            way = "Leave method out for the one that fits" if fits else "None fits; state its flow in its System(...)"
             raise InputError(
                 f"method={self.name!r}: expected {self.needs}, got {model.system.name} with n = {model.n}. "
-                "Leave method out for the one that fits, or see kr.methods()."
+                f"{way}, or see kr.methods()."
             )
 
     def may_be_default(self, model: Model) -> bool:

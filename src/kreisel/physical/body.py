@@ -306,6 +306,8 @@ def _call_in_lanes(call: Callable[..., Any], lanes: Sequence[Arguments]) -> list
                 results[key] = call(**arguments)
             out.append(results[key])
         except InputError as error:
+            if "has no argument" in str(error):  # in any lane
+                raise
             raise InputError(f"Lane {lane}: {error}") from error
     return out
 

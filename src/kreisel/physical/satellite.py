@@ -141,7 +141,7 @@ class Satellite(Forced):
         if not by_functions(self.torque):
             convert_fields(self, shapes=((3,),), torque="N m")
         convert_fields(self, least=0.0, density="kg/m^3", drag="1", light="N/m^2", mirror="1", diffuse="1")
-        if not isinstance(self.plates, list | tuple):
+        if isinstance(self.plates, Plate) or not isinstance(self.plates, list | tuple):
             raise InputError(f"plates: expected a list of Plate(normal, centre, area), got {shown(self.plates)}.")
         vars(self).update(plates=tuple(_plate(p) for p in self.plates))
         self.model()

@@ -123,6 +123,10 @@ def run_record(store: Path) -> RunRecord:
     attrs = archive.attributes(store)
     if "kreisel_sweep" in attrs:
         raise InputError(f"{store} is a sweep: `kreisel check` reads it, and kr.open_run opens it by lane.")
+    if isinstance(later := attrs.get("kreisel_format"), int) and later > FORMAT:
+        raise InputError(
+            f"{store} has the format {later} of a later version of Kreisel, expected {FORMAT}. Update Kreisel."
+        )
     if attrs.get("kreisel_format") != FORMAT:
         raise InputError(f"{store} is not an archive of Kreisel (no kreisel_format = {FORMAT} among its attributes).")
     missing = [key for key in NEEDED if key not in attrs]
