@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import certified, laws
+from kreisel.lab import certified, laws, search as families
 from kreisel.lab.brackets import brackets, lax, volumes
 from kreisel.lab.darboux import darboux
 from kreisel.lab.dynamics import dynamics
-from kreisel.lab.growth import growth, heights, singularities
+from kreisel.lab.growth import cycles, growth, heights, singularities
 from kreisel.lab.integrals import integrals
 from kreisel.lab.search import logarithmic, search
 from kreisel.lab.subject import subject
@@ -48,6 +48,15 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "a name too few": (lambda: growth(subject(henon, names=("x",)), 3), "a name for each coordinate .* got x: index"),
     "lanes": (lambda: subject(kr.LagrangeTop(p=[(0, 0, 1), (0, 0, 2)])), r"one body, got a batch \(2,\)"),
     "a grid of a number": (lambda: search(logarithmic, {"c": 2}), "grid: expected a list of values of c, got 2"),  # type: ignore[dict-item]
+    "half a prime": (lambda: cycles(MAP, 7.5), "p must be an integer from 3"),  # type: ignore[arg-type]
+    "no steps": (lambda: singularities(MAP, 0), "steps must be an integer from 1"),
+    "a start in words": (lambda: dynamics(MAP, ["a", 1]), r"A start is 2 finite values, x, y, got \['a', 1\]"),  # type: ignore[arg-type]
+    "no step": (lambda: subject(BODY, eps=0), "eps: expected a step of clebsch that is not 0, got 0"),
+    "a cubic flow": (lambda: families.kahan(lambda x: [x[0] ** 3, x[1]], ("x", "y")), "2 rates of degree 2 or less"),
+    "a missing rate": (lambda: families.kahan(lambda x: [x[0]], ("x", "y")), "expected 2 rates .* got 1"),
+    "a flow with roots": (lambda: families.kahan_map(kr.LatticeLandauLifshitz(n=3)), "flow failed at fractions"),
+    "a moment of 0": (lambda: families.kahan_gyrostat(J=(1, 0, 2)), "three moments J that are not 0"),
+    "an option of no judge": (lambda: search(logarithmic, {"c": [2]}, step=5), "judge has no argument 'step'"),
     "no grid": (lambda: search(logarithmic), r"expected grid, got none. Write search\(family, grid\)"),  # type: ignore[call-arg]
     "a map to prove": (lambda: certified.prove(henon), "expected claimed of the type System | Model"),  # type: ignore[arg-type]
     "a name for a record": (lambda: laws.check("clebsch"), "expected system of the type System | Model"),  # type: ignore[arg-type]
@@ -59,6 +68,16 @@ def test_mistakes_are_named(mistake: str) -> None:
     call, said = MISTAKES[mistake]
     with pytest.raises(kr.InputError, match=said):
         call()
+
+
+def test_a_member_that_fails_leaves_the_others() -> None:
+    def family(c: int) -> Any:
+        a = Fraction(1, c)
+        return subject(lambda x: (x[1], a - x[0]), names=("x", "y"))
+
+    good, bad = search(family, {"c": [0, 1]}, steps=0, iterates=3).scores
+    assert good.verdict == "integrable"
+    assert bad.verdict.startswith("The family failed: ZeroDivisionError")
 
 
 def test_a_family_without_the_parameter_of_the_grid() -> None:

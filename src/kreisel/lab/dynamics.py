@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, floats
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.graph.graph import Graph, TooLong
 from kreisel.kernels.adjoint import Code, recorded
@@ -82,13 +82,19 @@ class Dynamics:
 Pushed = Callable[[Array, Array, int, int], tuple[Array, Array]]  # x, vectors, steps, rows -> points, vectors
 
 
+def _start(subject: Subject, x: Any, seed: int = 0) -> Array:
+    """The point x (d,) in floats, a random one for None.  Raises `InputError`."""
+    start = float_start(subject, seed) if x is None else floats(x)
+    if start.shape != (subject.dim,) or not np.isfinite(start).all():
+        raise InputError(f"A start is {subject.dim} finite values, {', '.join(subject.names)}, got {shown(x)}.")
+    return start
+
+
 class CompiledOrbit:
     """A compiled step at a point x (d,), with tangent vectors (k, d) along, which may be set."""
 
     def __init__(self, subject: Subject, x: Array, vectors: Array | None = None):
-        self.subject, start = subject, np.asarray(x, dtype=np.float64)
-        if start.shape != (subject.dim,) or not np.isfinite(start).all():
-            raise InputError(f"A start is {subject.dim} finite values, {', '.join(subject.names)}, got {shown(x)}.")
+        self.subject, start = subject, _start(subject, x)
         self._x, self.vectors = start.copy(), np.zeros((0, subject.dim)) if vectors is None else vectors
         by_jax = subject.model is not None and subject.model.system.numbers == "jax"
         self._pushed = _by_jax(subject) if by_jax else _by_kernels(subject)
@@ -197,7 +203,7 @@ def dynamics(
     """
     if steps < FEWEST:
         raise InputError(f"steps must be {FEWEST} or more, got {steps}.")
-    x = float_start(subject, seed) if x is None else np.asarray(x, dtype=np.float64)
+    x = _start(subject, x, seed)
     frame = tangents(subject, x, count, seed)
     apart = tangents(subject, x, None if count is None else max(2, count), seed + 1)  # these are only scaled
     vectors = np.concatenate([frame, apart])
@@ -257,7 +263,7 @@ def several(subject: Subject, steps: int, orbits: int, seed: int = 0) -> tuple[l
 
 def points(subject: Subject, x: Array | None = None, steps: int = 4096, seed: int = 0) -> Array:
     """The orbit (steps + 1, d)."""
-    x = float_start(subject, seed) if x is None else np.asarray(x, dtype=np.float64)
+    x = _start(subject, x, seed)
     return np.concatenate([x[None], CompiledOrbit(subject, x).advance(1, steps)])
 
 

@@ -305,7 +305,8 @@ def cycles(subject: Subject, p: int, starts: int = 200, limit: int | None = None
 
     Raises `InputError` for p that is not a prime, too small or too large, or divides a denominator of the constants.
     """
-    if not (3 <= p <= LARGEST_PRIME and all(p % q for q in range(2, math.isqrt(p) + 1))):
+    p = within(p, "p", 3, LARGEST_PRIME)
+    if not all(p % q for q in range(2, math.isqrt(p) + 1)):
         raise InputError(f"p must be a prime from 3 to {LARGEST_PRIME:,}, got {p}.")
     try:
         step = subject.over(p)
@@ -403,6 +404,7 @@ def singularities(subject: Subject, steps: int = 12, seed: int = 0) -> list[Sing
 
     Raises `InputError` for other maps, and for a curve without points modulo many primes.
     """
+    within(steps, "steps")
     if subject.dim != 2:
         raise InputError(f"Singularities are followed in the plane, got {subject.dim} coordinates.")
     followed = (_followed(subject, f, steps, seed) for f in jacobian_factors(subject))

@@ -24,7 +24,7 @@ from kreisel.algebra.gradient import value_and_jacobian
 from kreisel.algebra.invariants import cross
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.lab import dynamics
-from kreisel.lab.exact import fraction, fractions
+from kreisel.lab.exact import fraction, fractions, rational_random
 from kreisel.lab.questions import QUESTIONS, Clues, filled
 from kreisel.lab.subject import Subject, coordinate_names, coordinates, subject
 from kreisel.method.kahan import eliminate
@@ -113,6 +113,16 @@ class Score:
         return ("integrable", "undecided", "not integrable", self.trouble)[self.rank]
 
 
+def _member(family: Callable[..., Any], parameters: Mapping[str, Any]) -> Any:
+    try:
+        return explained(family)(**parameters)  # a name that it does not have is a verdict
+    except (InputError, RunError):
+        raise
+    except Exception as error:  # whatever a user's code raises
+        raise InputError(f"The family failed: {type(error).__name__}: {error}.") from error
+
+
+@explained
 def judge(
     family: Callable[..., Any],
     parameters: Mapping[str, Any],
@@ -124,7 +134,7 @@ def judge(
 ) -> Score:
     """One member.  An error goes into the score, so that a search continues."""
     try:
-        member = explained(family)(**parameters)  # a name that it does not have is a verdict
+        member = _member(family, parameters)
         member = member if isinstance(member, Subject) else subject(member, eps=eps)
         clues = Clues(member, degree, iterates, steps, 0)
         labels = ("period", "Poisson", *(["volume"] if member.dim < 5 else []), "degree growth", "integrals")
@@ -301,8 +311,22 @@ def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3, gamma: Any = 0, apar
 
 
 def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3), adjustment: Any = None) -> Subject:
-    """Kahan's map of a quadratic flow x' = flow(x) on values of any field; adjustment(x) adds to eps/2 flow'(x)."""
+    """Kahan's map of a quadratic flow x' = flow(x) on values of any field; adjustment(x) adds to eps/2 flow'(x).
+
+    Raises `InputError` for flows that are not quadratic.
+    """
     eps = fraction(eps)
+    start, along = fractions(rational_random(np.random.default_rng(0))((2, len(names))))
+    try:
+        rates = [objects(flow(start + k * along)) for k in range(4)]
+    except Exception as error:  # whatever a user's code raises
+        raise InputError(f"flow failed at fractions: {type(error).__name__}: {error}.") from error
+    if len(rates[0]) != len(names) or any(rates[3] - 3 * rates[2] + 3 * rates[1] - rates[0]):
+        raise InputError(
+            f"flow: expected {len(names)} rates of degree 2 or less in {', '.join(names)}, as Kahan's method needs, "
+            f"got {len(rates[0])}{' of a higher degree' * (len(rates[0]) == len(names))}. Usual cause: powers above 2; "
+            "with a new variable for each square a flow may become quadratic."
+        )
 
     def step(x: Array) -> Array:
         rates, slopes = value_and_jacobian(lambda y: list(flow(objects(y))), list(x), [])
@@ -326,8 +350,15 @@ def kahan_map(model: Model, eps: Any = Fraction(1, 3)) -> Subject:
 
 def kahan_gyrostat(h: Sequence[Any] = (0, 0, 0), J: Sequence[Any] = (1, 2, 4), eps: Any = Fraction(1, 3)) -> Subject:
     """Kahan's map of M' = (M + h) x Omega, Omega_i = M_i/J_i."""
-    wheel, w = fractions(h), 1 / fractions(J)
+    wheel, w = _wheel_and_rates(h, J)
     return kahan(lambda M: _cross(M + wheel, w * M), ("M1", "M2", "M3"), eps)
+
+
+def _wheel_and_rates(h: Sequence[Any], J: Sequence[Any]) -> tuple[Array, Array]:
+    wheel, moments = fractions(h), fractions(J)
+    if np.shape(wheel) != (3,) or np.shape(moments) != (3,) or not all(moments):
+        raise InputError(f"Expected three values h and three moments J that are not 0, got h = {h}, J = {J}.")
+    return wheel, 1 / moments
 
 
 def adjusted_gyrostat(
@@ -342,7 +373,7 @@ def adjusted_gyrostat(
     of the third order in eps, `share` times.  (F(M) - F(c))/(1 - (eps^2/4) (w_1 - w_3) (w_3 - w_2) M_3^2) is conserved
     for F = |M + h|^2 and F = <M, w M>.  Raises `InputError` unless h_3 = 0 and J_3 differs from J_1 and J_2.
     """
-    wheel, w = fractions(h), 1 / fractions(J)
+    wheel, w = _wheel_and_rates(h, J)
     if wheel[2] != 0 or w[2] in (w[0], w[1]):
         raise InputError(f"Expected h_3 = 0 and J_3 other than J_1 and J_2, got h = {tuple(h)}, J = {tuple(J)}.")
     slope = wheel[:2] * w[:2] * (w[1::-1] - w[2]) * fraction(share) * fraction(eps) ** 2 / 4

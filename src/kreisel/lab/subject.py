@@ -217,6 +217,8 @@ def _of_model(model: Model, eps: Any) -> Subject:
     system, n = model.system, model.n
     if model.batch:
         raise InputError(f"{system.name}: expected parameters of one body, got a batch {model.batch}.")
+    if eps == 0:
+        raise InputError(f"eps: expected a step of {system.name} that is not 0, got 0: every map is the identity then.")
     space, mapped = system.space, model.map
     implicit = f"The map of {system.name} is implicit" if not mapped.rational or system.numbers != "any" else ""
     constants = {k: exact.fractions(v) for k, v in model.constants.items()}
