@@ -173,9 +173,9 @@ def test_two_line_elements() -> None:
 SAT = Satrec.twoline2rv(*TLE)
 
 
-def by_sgp4(t: np.ndarray) -> np.ndarray:
-    """Positions (..., 3), m, at times after the epoch."""
-    return 1e3 * SAT.sgp4_array(np.full(len(t), SAT.jdsatepoch), SAT.jdsatepochF + t / 86400)[1]
+def by_sgp4(t: np.ndarray, which: int = 1) -> np.ndarray:
+    """Positions (..., 3), m, or its velocities, which = 2, m/s, at times after the epoch."""
+    return 1e3 * SAT.sgp4_array(np.full(len(t), SAT.jdsatepoch), SAT.jdsatepochF + t / 86400)[which]
 
 
 def test_tables_of_sgp4() -> None:
@@ -184,6 +184,7 @@ def test_tables_of_sgp4() -> None:
     assert abs(orbit.at(t)[0] - by_sgp4(t)).max() < 2e-3
     rates = (by_sgp4(t + 0.5) - by_sgp4(t - 0.5)) / 1.0
     assert abs(orbit.at(t)[1] - rates).max() < 2e-3
+    assert 0.01 < abs(by_sgp4(t, 2) - rates).max() < 0.04  # SGP4's velocities are not the rates of its positions
     assert abs(Orbit.from_tle(*TLE).at(t)[0] - by_sgp4(t)).max() > 1e3  # negative control: mean elements alone
 
 
