@@ -34,5 +34,6 @@ SYSTEM = replace(
     flow=of_general(spin_chain.flow),
     energy=of_general(spin_chain.energy),
     integrals={"total_spin": total_spin},
-    notes="Not integrable; `lattice-landau-lifshitz` is, with another H.",
+    notes="Rings of 3 and 4 sites are integrable, as H is a sum of squares of sums of spins. Longer ones are not; "
+    "`lattice-landau-lifshitz` is, with another H.",
 )
