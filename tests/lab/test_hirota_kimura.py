@@ -49,6 +49,22 @@ def test_investigations_count_them_where_others_are_too_few() -> None:
     assert page.verdict == "integrable"
 
 
+def test_coefficients_in_involution_fill_the_leaves_of_a_bracket() -> None:
+    """V = (x^2 + y^2)/2 + x^2 y + c y^3/3 of Henon and Heiles separates in x + y and x - y for c = 1, not for c = 2.
+
+    Kahan's method commutes with linear changes of the coordinates.
+    """
+
+    def family(c: int) -> Any:
+        return search.kahan(
+            lambda z: [z[2], z[3], -z[0] - 2 * z[0] * z[1], -z[1] - z[0] * z[0] - c * z[1] * z[1]], ("x", "y", "p", "q")
+        )
+
+    first, second = search.search(family, {"c": [2, 1]}, degree=1, iterates=6, steps=0).scores
+    assert (first.parameters["c"], first.verdict, first.on_leaf, first.needed) == (1, "integrable", 2, 2)
+    assert not second.integrable and second.entropy > 0.5
+
+
 @pytest.mark.parametrize("h", [(2, 3, 0), (0, -3, 0), (F(-1, 2), 5, 0)])
 @pytest.mark.parametrize("eps", [F(1, 3), F(-5, 2)])
 def test_the_adjusted_map_of_a_gyrostat_is_integrable(h: Any, eps: F) -> None:

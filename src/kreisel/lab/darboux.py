@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
@@ -256,12 +256,15 @@ class Bases:
     monomials     how many there are
     combinations  how many independent combinations of them vanish along an orbit
     integrals     how many functionally independent integrals the coefficients are
+    point, slopes   residues (d,) modulo PRIMES[0], and the gradients (rows, d) of the coefficients there
     """
 
     degree: int
     monomials: int
     combinations: int
     integrals: int
+    point: Array = field(repr=False, compare=False)
+    slopes: Array = field(repr=False, compare=False)
 
     def __str__(self) -> str:
         return (
@@ -278,22 +281,22 @@ def bases(subject: Subject, degree: int = 2, seed: int = 0) -> Bases:
     integrals.require_few_monomials(subject, degree, MOST_MONOMIALS)
     exponents = list(monomials(subject.dim, degree))
 
-    def counted(p: int) -> tuple[int, int]:
-        def at(attempt: int) -> tuple[int, int]:
+    def counted(p: int) -> Bases:
+        def at(attempt: int) -> Bases:
             x = subject.point(random_residues(np.random.default_rng([seed, attempt, p]), p, 1))
-            return _counted(subject, x, exponents, p)
+            combinations, rows = _combinations(subject, x, exponents, p)
+            return Bases(degree, len(exponents), combinations, modular.rank(rows, p), x, rows)
 
         return without_poles(subject.name, at, (Pole, ZeroDivisionError))
 
-    counts = {counted(p) for p in PRIMES[:2]}
-    if len(counts) > 1:
-        raise InputError(f"{subject.name}: two primes give different counts, {counts}. Use another seed.")
-    combinations, rank = counts.pop()
-    return Bases(degree, len(exponents), combinations, rank)
+    first, second = (counted(p) for p in PRIMES[:2])
+    if first != second:
+        raise InputError(f"{subject.name}: two primes give different counts, {first} and {second}. Use another seed.")
+    return first
 
 
-def _counted(subject: Subject, x: Array, exponents: list[Exponents], p: int) -> tuple[int, int]:
-    """The combinations at x, and the rank of the derivatives of their coefficients.
+def _combinations(subject: Subject, x: Array, exponents: list[Exponents], p: int) -> tuple[int, Array]:
+    """How many combinations vanish along the orbit of x, and the derivatives of their coefficients (rows, d).
 
     With the basis in reduced form, a coefficient is a function u of x with A u = -b: A are the columns of the pivots, b
     the others.  A du = -(db + dA u).
@@ -306,12 +309,10 @@ def _counted(subject: Subject, x: Array, exponents: list[Exponents], p: int) -> 
     values = residues_at(objects((getattr(v, "value", v) for v in table.flat), table.shape), 1, p)[0]
     derivatives = residues_at(slopes(table, subject.dim), 1, p)[0]
     null = modular.kernel(values, p)
-    if not len(null):
-        return 0, 0
     A = np.delete(values, [np.flatnonzero(vector)[-1] for vector in null], 1)
-    moved: list[Array] = []
+    moved = [np.zeros((0, subject.dim), dtype=np.int64)]
     for vector in null:
         change = (derivatives * vector[:, None] % p).sum(1)  # of sum_j c_j f_j: (points, dim)
         reduced, _ = modular.reduced(np.concatenate([A, -change % p], 1), p)
         moved.append(reduced[: A.shape[1], A.shape[1] :])  # u with A u = -change, of full rank and consistent
-    return len(null), modular.rank(np.concatenate(moved), p)
+    return len(null), np.concatenate(moved)

@@ -86,20 +86,27 @@ class Clues:
 # -- the verdict -------------------------------------------------------------------------------------
 
 
-def liouville(subject: Subject, tensor: Callable[[Array], Array], functions: list[Any], seed: int) -> Lax:
-    """The counts of `Lax` for functions that are known to be conserved."""
+def liouville(
+    subject: Subject,
+    tensor: Callable[[Array], Array],
+    functions: list[Any],
+    seed: int,
+    coefficients: Bases | None = None,
+) -> Lax:
+    """The counts of `Lax` for functions that are known to be conserved, and coefficients of bases if they are given."""
     x = subject.point(random_residues(np.random.default_rng([seed, 5]), PRIMES[0], 1))
-    G = gradients(functions, x, PRIMES[0])
+    x, further = (x, []) if coefficients is None else (coefficients.point, [coefficients.slopes])
+    G = np.concatenate([gradients(functions, x, PRIMES[0]), *further])
     return counted(replace(subject, tensor=tensor), x, G, G, PRIMES[0], isospectral=True)
 
 
 def rank_on_leaves(c: Clues) -> None:
     """The counts of the integrals for the bracket; of those that were found, for one whose leaves they fill, if any."""
-    if c.tensor is None or not c.integrals:
+    if c.tensor is None or not c.independent:
         return
     first, *others = c.unaided or [c.tensor]
     for tensor in (first, *others, first):
-        c.tensor, c.ranks = tensor, liouville(c.subject, tensor, c.integrals, c.seed)
+        c.tensor, c.ranks = tensor, liouville(c.subject, tensor, c.integrals, c.seed, c.bases)
         if filled(c):
             break
 
@@ -386,7 +393,9 @@ def _integrals(c: Clues) -> Answer:
             break
         with suppress(InputError):
             hirota_kimura = bases(subject, degree, c.seed)
-            c.bases = hirota_kimura if hirota_kimura.integrals > c.independent else c.bases
+            if hirota_kimura.integrals > c.independent:
+                c.bases = hirota_kimura
+                rank_on_leaves(c)
     of_record = sum(isinstance(f, integrals.Stated) for f in c.integrals)
     count = f"{len(c.integrals) - of_record} of degree {c.degree} or less"
     count += f", {of_record} stated" if of_record else ""
