@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +123,16 @@ def test_an_unknown_argument_belongs_to_no_lane() -> None:
     for value in (1.0, (1.0, 2.0)):
         with pytest.raises(kr.InputError, match=r"^FreeBody has no argument 'moments'"):
             FreeBody((1, 2, 2.5), moments=value)
+
+
+def test_a_plain_tilt_in_degrees_is_doubted_once_and_a_tilt_with_units_is_not() -> None:
+    wheel = Gyroscope.flat(3.0, 0.17, 0.15)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        wheel.state(tilt="1 turn", spin=1.0)
+        assert not caught
+        wheel.state(tilt=90, spin=1.0)
+    assert len(caught) == 1
 
 
 def test_light_without_plates_is_named_as_the_argument() -> None:

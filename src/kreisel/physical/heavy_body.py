@@ -126,13 +126,12 @@ class Gyroscope(Forced):
         sin, cos = np.sin(theta), np.cos(theta)
         a, swing = np.stack([sin, 0 * sin, cos], -1), np.stack([-turn * sin * cos, nod, turn * sin**2], -1)
         m = in_range("The momentum", lambda: self.time_unit * (swing + self.alpha * w[..., None] * a))
-        return self._started(self.orientation(theta), M=m, a=a)
+        return self._started(_tilted(theta), M=m, a=a)
 
     @staticmethod
     def orientation(tilt: Any) -> Array:  # type: ignore[override]  # by its tilt
         """The unit quaternion (w, x, y, z) that maps the third body axis to the `a` of `state(tilt, ...)`."""
-        half = _lanes(tilt=(tilt, "rad"))[0] / 2
-        return np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], -1)
+        return _tilted(_lanes(tilt=(tilt, "rad"))[0])
 
     def motion(self, m: Any, a: Any) -> Motion:
         """The inverse of `state`, from m (..., 3) axial and a (..., 3); precession of a vertical axis is NaN.
@@ -331,6 +330,12 @@ def _lanes(**values: tuple[Any, str]) -> tuple[Array, ...]:
     except ValueError:
         shapes = ", ".join(str(array.shape) for array in arrays)
         raise InputError(f"{', '.join(values)}: expected lanes that fit, got {shapes}.") from None
+
+
+def _tilted(theta: Array) -> Array:
+    """Quaternions of the rotation by theta, rad, about the second axis."""
+    half = theta / 2
+    return np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], -1)
 
 
 def _plain(x: Any) -> Any:

@@ -97,6 +97,8 @@ def _write(run: Any, where: Path, overwrite: bool, epoch: Any, angles: str | Non
         if end in MESSAGES:
             write_message(data, where, epoch, labels, overwrite)
             return
+        if WRITERS[end] is _netcdf:
+            require_room(where, data.nbytes, "A full disk ends the process within HDF5; .parquet and .csv report it.")
         with written(where, overwrite) as scratch:
             WRITERS[end](data, scratch)
     except (InputError, RunError):
@@ -135,7 +137,6 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
     example = _presented(run.isel({_lead(run): slice(0, 1)}) if _lead(run) else run)
     types = {k: v.dtype for k, v in example.variables.items()}
     _require_plain(types, "NetCDF")
-    require_room(out, run.nbytes, "A full disk ends the process within HDF5; .parquet and .csv report it.")
     with h5netcdf.File(out, "w") as file:
         sizes = {str(k): run.sizes.get(k, size) for k, size in example.sizes.items()}
         file.dimensions = sizes
