@@ -50,7 +50,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "a grid of a number": (lambda: search(logarithmic, {"c": 2}), "grid: expected a list of values of c, got 2"),  # type: ignore[dict-item]
     "half a prime": (lambda: cycles(MAP, 7.5), "p must be an integer from 3"),  # type: ignore[arg-type]
     "no steps": (lambda: singularities(MAP, 0), "steps must be an integer from 1"),
-    "a start in words": (lambda: dynamics(MAP, ["a", 1]), r"A start is 2 finite values, x, y, got \['a', 1\]"),  # type: ignore[arg-type]
+    "a start in words": (lambda: dynamics(MAP, ["a", 1]), r"A start is 2 finite values, x, y, got \['a', 1\]"),
     "no step": (lambda: subject(BODY, eps=0), "eps: expected a step of clebsch that is not 0, got 0"),
     "a cubic flow": (lambda: families.kahan(lambda x: [x[0] ** 3, x[1]], ("x", "y")), "2 rates of degree 2 or less"),
     "a missing rate": (lambda: families.kahan(lambda x: [x[0]], ("x", "y")), "expected 2 rates .* got 1"),

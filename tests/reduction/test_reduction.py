@@ -607,6 +607,37 @@ def test_more_bad_input() -> None:
         kr.simulate(kr.Clebsch(b=(1, 2, 3)), {"M": (1, 0, 2), "P": (0, 0, 1)}, dt=0.1, steps=2, method="lagrangian")
 
 
+MISTAKES = {
+    "groups such as": red.product,
+    "dim must be an integer": lambda: red.representation(red.SO(3), lambda g, v: v, "3"),
+    "failed for g .* division": lambda: red.representation(red.SO(3), lambda g, v: v / (1 // 0), 3),
+    "as momentum": lambda: own(lagrangian=heavy, integrals={"momentum": 3}),
+    "records such as": lambda: own(lagrangian=heavy, parameters=["J"]),
+    "without eps": lambda: own(lagrangian=lambda Omega, P, *, eps: jnp.sum(Omega**2)),
+    "must accept two group elements": lambda: red.reduce(lambda g, h: 0.0, red.standard(red.SO(3)), MOVING),
+    "frame must be": lambda: red.Continuous(heavy, red.standard(red.SO(3)), "body"),
+}
+
+
+@pytest.mark.parametrize("message", MISTAKES)
+def test_wrong_arguments_are_named(message: str) -> None:
+    with pytest.raises(kr.InputError, match=message):
+        MISTAKES[message]()
+
+
+def test_a_frame_may_be_its_name() -> None:
+    """Left is left: P' = P x Omega in the moving frame, M = Omega of a sphere; a' = omega x a in the rest frame."""
+
+    def sphere(Omega, P):
+        return -jnp.trace(Omega @ Omega) / 4
+
+    rep, M, P = red.standard(red.SO(3)), (0.3, -0.5, 1.1), (0.6, 0.2, 0.8)
+    with red.double():
+        xi = rep.group.coordinates(jnp.asarray(algebra.hat(np.array(M))))
+        rates = [red.Continuous(sphere, rep, name).flow(xi, jnp.asarray(P))[1] for name in ("moving", "rest")]
+    assert np.allclose(rates, [np.cross(P, M), np.cross(M, P)], atol=1e-14)
+
+
 def test_reduction_asks_for_invariance() -> None:
     """LL(g, h, p) of the Introduction reduces from the left, not from the right, and not with a fixed vector."""
     rep, A = red.standard(red.SO(3)), np.array([0.1, 0.2, 1.0])

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained, shown
 from kreisel.record.contract import Frame
 from kreisel.reduction import numerics
 from kreisel.reduction.groups import Group, Representation, random_element
@@ -40,13 +40,24 @@ INVARIANT = 1e-8
 Lagrangian = Callable[..., Any]  # (Omega, P) or (W, P): an algebra element or a group element, and a point of V
 
 
+def as_frame(frame: str | Frame) -> Frame:
+    """The frame of this name.  Raises `InputError`."""
+    try:
+        return Frame(frame)
+    except ValueError:
+        raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a), got {shown(frame)}.") from None
+
+
 @dataclass(frozen=True, eq=False)
 class Continuous:
     """A reduced Lagrangian `lagrangian(Omega, P)`, as the user writes it, and the equations that follow from it."""
 
     lagrangian: Lagrangian
     rep: Representation
-    frame: Frame
+    frame: str | Frame
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frame", as_frame(self.frame))
 
     def value(self, x: Array, P: Array) -> Array:
         """The Lagrangian in coordinates."""
@@ -98,7 +109,10 @@ class Discrete:
 
     lagrangian: Lagrangian
     rep: Representation
-    frame: Frame
+    frame: str | Frame
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frame", as_frame(self.frame))
 
     @property
     def _left(self) -> bool:
@@ -210,8 +224,9 @@ class Unreduced:
         return g, g @ self.turn(self.momentum(before, g), g)
 
 
+@explained
 def reduce(
-    lagrangian: Callable[[Array, Array, Array], Any], rep: Representation, frame: Frame, seed: int = 0
+    lagrangian: Callable[[Array, Array, Array], Any], rep: Representation, frame: str | Frame, seed: int = 0
 ) -> Lagrangian:
     """Lambda(W, P) = LL(I, W, P) of LL(g, h, p), or Lambda(w, a) = LL(I, w, a) of LL(g, h, A); p, A are constants of V.
 
@@ -219,7 +234,7 @@ def reduce(
     (rest frame); for k in the isotropy group of p or A that is the paper's condition on LL with p or A fixed.
     Raises `InputError` if it does not hold at random elements.
     """
-    group, left = rep.group, frame is Frame.MOVING
+    group, left = rep.group, as_frame(frame) is Frame.MOVING
     rng = np.random.default_rng(seed)
     with double():
         g, h, k = (jnp.asarray(random_element(group, rng)) for _ in range(3))
@@ -232,7 +247,10 @@ def reduce(
             pair = (k @ g, k @ h) if left else (g @ k, h @ k)
             return float(lagrangian(*pair, rep.space.array(u)))
 
-        value = moved(jnp.eye(group.size))
+        try:
+            value = moved(jnp.eye(group.size))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"LL(g, h, p) must accept two group elements and a point of V: {error}") from error
         off_isotropy = abs(moved(group.retract(jnp.asarray(isotropic))) - value)
         off = abs(moved(k) - value)
     letter, group_letter = ("p", "G^[p]") if left else ("A", "G^[A]")

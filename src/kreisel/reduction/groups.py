@@ -37,6 +37,7 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.record.calling import Portable
 from kreisel.reduction import numerics
 from kreisel.reduction.numerics import double, jax
+from kreisel.runs.settings import within
 
 jnp = jax.numpy
 CLOSED, SAME = 1e-10, 1e-9
@@ -270,6 +271,8 @@ def unit_sums(count: int) -> Group:
 
 def product(*groups: Group) -> Group:
     """G1 x G2 x ...: block-diagonal matrices; momenta are the momenta of the factors, one after the other."""
+    if not groups or not all(isinstance(g, Group) for g in groups):
+        raise InputError(f"product: expected groups such as red.SO(3), red.SU2(), got {shown(groups)}.")
     size, first, blocks = sum(g.size for g in groups), 0, []
     for g in groups:
         wide = np.zeros((g.dim, size, size), dtype=g.basis.dtype)
@@ -378,18 +381,20 @@ def trivial(group: Group) -> Representation:
     return Representation("trivial", group, numbers(0, group.n), lambda g, v: v, np.zeros((group.dim, 0, 0)))
 
 
+@explained
 def representation(group: Group, Phi: Callable[[Array, Array], Array], dim: int, name: str = "Phi") -> Representation:
     """A user-defined representation: Phi(g, v) for g (N, N) and v (dim,), in JAX.
 
     Raises `InputError` unless Phi is linear in v and Phi(g h) = Phi(g) Phi(h) at random elements.
     """
+    within(dim, "dim", 1, 10_000)
     with double():
         rng = np.random.default_rng(1)
         g, h = random_element(group, rng), random_element(group, rng)
         u, v = rng.uniform(-1, 1, (2, dim))
         try:
             out = [np.asarray(Phi(jnp.asarray(x), jnp.asarray(y))) for x, y in ((g, u), (h, u), (g, v), (g, u - 2 * v))]
-        except (TypeError, ValueError) as error:
+        except Exception as error:  # whatever a user's code raises
             raise InputError(f"Phi(g, v) failed for g {g.shape} and v ({dim},): {error}") from error
         if any(y.shape != (dim,) or np.iscomplexobj(y) for y in out):
             raise InputError(f"Phi(g, v) must give {dim} real values for v ({dim},), got shape {out[0].shape}.")

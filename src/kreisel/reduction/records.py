@@ -15,7 +15,7 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.record.calling import Function, Portable, naming
 from kreisel.record.contract import Checks, Frame, Map, Parameter, PhaseSpace, System
-from kreisel.reduction.equations import Continuous, Discrete, symmetric_rule
+from kreisel.reduction.equations import Continuous, Discrete, as_frame, symmetric_rule
 from kreisel.reduction.groups import Group, Representation, quadratic_casimirs, standard
 from kreisel.reduction.numerics import double, is_jax, jax, require_double
 
@@ -264,11 +264,17 @@ def system(
             f"representation: expected one of the group {group.name}, got one of {rep.group.name}, whose basis or "
             f"retraction is another. Make both from the same group: red.standard(G), red.trivial(G), group=G."
         )
-    try:
-        side = Frame(frame)
-    except ValueError:
-        raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a), got {shown(frame)}.") from None
-    record = _Record(rep, side, lagrangian, discrete, {p.letter: p for p in parameters})
+    if odd := [key for key, function in dict(integrals or {}).items() if not callable(function)]:
+        raise InputError(
+            f"integrals: expected functions of the state, got {shown((integrals or {})[odd[0]])} as {odd[0]}."
+        )
+    if strange := [p for p in parameters if not isinstance(p, Parameter)]:
+        raise InputError(
+            f"parameters: expected records such as red.Parameter('J', 'vector', '...'), got {shown(strange[0])}."
+        )
+    if lagrangian is not None and "eps" in inspect.signature(lagrangian).parameters:
+        raise InputError("lagrangian: expected L(Omega, P) without eps, the step: only discrete=Lambda(W, P) has one.")
+    record = _Record(rep, as_frame(frame), lagrangian, discrete, {p.letter: p for p in parameters})
     result = record.system(name, title or name, source, dict(integrals or {}), tuple(conserved), order)
     return result.remade_by(_again, stated)
 
