@@ -266,6 +266,8 @@ COMMANDS: list[tuple[list[str], str]] = [
     (["investigate", "nowhere.py"], "No file"),
     (["investigate", "empty.py"], "def step(x)"),
     (["code", "euler-topp"], "Did you mean 'euler-top'"),
+    (["code", "run.toml", "--n", "4"], "--n: not for 'run.toml'"),
+    (["code", "free-body", "--n", "4"], "--n: not for 'free-body'"),
     (["verify", "theorm"], "theorm"),
 ]
 

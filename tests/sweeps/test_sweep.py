@@ -610,13 +610,16 @@ def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
             kr.sweep(top, x0, **{**options, **wrong})
     with pytest.raises(kr.InputError, match="grid: expected a dict"):
         kr.Design(grid=3)
-    with pytest.raises(kr.InputError, match="is a sweep"):
+    with pytest.raises(kr.InputError, match=r"is a sweep.*that began it resumes it"):
         kr.resume(whole, extend=10)
     with pytest.raises(kr.InputError, match="drift of each lane"):
         kr.drift(kr.open_run(whole))
     with pytest.raises(kr.InputError, match=r"the result of kr\.sweep"):
         kr.failures(kr.simulate(top, x0, **OPTIONS))
     assert list(tmp_path.iterdir()) == []
+    shutil.copytree(whole, tmp_path / "s.zarr.part")
+    with pytest.raises(kr.InputError, match=r"is there: the `kreisel sweep` or kr\.sweep that began it resumes it"):
+        kr.open_run(tmp_path / "s.zarr")
 
 
 @LONG

@@ -186,7 +186,7 @@ def code(
     method: str | None = opt(r"As in \[run]; one that makes steps, or exact."),
     order: int | None = opt(r"As in \[run]."),
     dt: float | None = opt("Default value of the step."),
-    n: int = opt("The dimension, for a system by name.", default=3),
+    n: int | None = opt("The dimension, for a system by name; 3."),
     values: list[str] | None = opt("A default value of a parameter: p=0,0,1; once for each.", "--set"),
     orientation: bool = opt("Carry the orientation, for a system by name.", default=True),
     single: bool = opt("Single precision, 32 bits.", "--single", default=False),
@@ -208,8 +208,10 @@ def code(
     shape = {"link": link, "length": length, "density": density, "mass": mass}
     free = _free_body(subject, parameters, {k: v for k, v in shape.items() if v is not None})
     asked: dict[str, Any] = {"dt": dt, "method": method, "order": order, "name": name, "single": single}
+    if n is not None and (free is not None or subject.endswith(".toml")):
+        raise InputError(f"--n: not for {shown(subject)}; see kreisel code --help.")
     if free is None:
-        free, asked["x0"] = _example_or_run(subject, parameters, asked, n, orientation)
+        free, asked["x0"] = _example_or_run(subject, parameters, asked, 3 if n is None else n, orientation)
     asked["dt"] = 1 / 60 if asked["dt"] is None else asked["dt"]
     if language != "fmu":
         print(text_of(free, language=language, convention=convention, **asked), end="")

@@ -94,7 +94,9 @@ def metadata(store: Path) -> dict[str, Any]:
     """The metadata of an archive and all its arrays, as JSON.  Raises `InputError` if there are none, or damaged."""
     if not stands(store):
         unfinished = bool(store.name) and store.suffix != ".part" and stands(part_of(store))
-        left = f" {part_of(store)} is there: `kreisel resume {store}` resumes it." if unfinished else ""
+        sweep = unfinished and "kreisel_sweep" in (_attributes(part_of(store)) or ())
+        way = "the `kreisel sweep` or kr.sweep that began it" if sweep else f"`kreisel resume {store}`"
+        left = f" {part_of(store)} is there: {way} resumes it." if unfinished else ""
         raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.{left}")
     path = store / "zarr.json"
     try:

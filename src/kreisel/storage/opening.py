@@ -122,7 +122,10 @@ def run_record(store: Path) -> RunRecord:
     """The record of a run in its archive, checked.  Raises `InputError` for anything else."""
     attrs = archive.attributes(store)
     if "kreisel_sweep" in attrs:
-        raise InputError(f"{store} is a sweep: `kreisel check` reads it, and kr.open_run opens it by lane.")
+        raise InputError(
+            f"{store} is a sweep: `kreisel check` reads it, and kr.open_run opens it by lane; the `kreisel sweep` or "
+            "kr.sweep that began it resumes it."
+        )
     if isinstance(later := attrs.get("kreisel_format"), int) and later > FORMAT:
         raise InputError(
             f"{store} has the format {later} of a later version of Kreisel, expected {FORMAT}. Update Kreisel."
