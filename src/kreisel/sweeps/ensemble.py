@@ -371,10 +371,7 @@ def of_body_in_si(
     settings = _settings(
         model, run, [{q.letter: v for q, v in lane.items() if q.section == "run"} for lane in values_by_lane]
     )
-    with suppress(TypeError, ValueError):  # of settings that the sweep refuses
-        ends = np.multiply(settings.get("dt", 0.0), settings.get("steps", 0)) + (settings.get("t_start") or 0.0)
-        for sentence in many._doubts(float(ends.max()) * model.body_frame.time_unit):
-            doubt(sentence)
+    _warn_of_end(many, settings)
     listed |= {f"state.{letter}": value for letter, value in start.items()}
     listed |= {f"run.{name}": value for name, value in settings.items() if isinstance(value, list)}
     axes = [[axis, size, {q.name: in_base_units(v) for q, v in tables.items()}] for axis, size, tables in lanes.folded]
@@ -415,6 +412,14 @@ def _settings(model: Model, run: Mapping[str, Any], changes: Sequence[Mapping[st
     names = {*changes[0], *(("dt", "steps") if "dt" in changes[0] else ())} & scaled[0].keys()
     out = {**scaled[0], **{name: [settings[name] for settings in scaled] for name in names}}
     return {name: value for name, value in out.items() if name not in ("asked_dt", "t_end")}
+
+
+def _warn_of_end(body: Body, settings: Mapping[str, Any]) -> None:
+    """Warns of models of the body that do not hold until the end of the lanes."""
+    with suppress(TypeError, ValueError):  # of settings that the sweep refuses
+        ends = np.multiply(settings.get("dt", 0.0), settings.get("steps", 0)) + (settings.get("t_start") or 0.0)
+        for sentence in body._doubts(float(ends.max()) * body.in_si().body_frame.time_unit):
+            doubt(sentence)
 
 
 def _state_of_lane(lane: int, body: Body, x0: Any, values: Changes) -> State:
