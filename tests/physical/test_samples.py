@@ -140,6 +140,10 @@ def test_derivatives_pass_through_a_memory_of_one_value() -> None:
 
 def test_a_fit_has_observations_between_samples() -> None:
     """A sphere whose rate loses k of itself per second, w (1 - k)^m (1 - k (t - m)) after m samples."""
+    import jax
+
+    from kreisel.reduction.numerics import double
+
     law = kr.Control(lambda rates, *, k: {"torque": -k * rates}, every="1 s", parameters={"k": 0.1})
     body, time = FreeBody((1, 1, 1), control=law), np.array([0, 0.53, 1, 2.17, 2.99, 3, 3.33])
     seen = {
@@ -151,6 +155,10 @@ def test_a_fit_has_observations_between_samples() -> None:
     motion = kr.differentiable(body)
     state = motion(body.state((1, -2, 0)), dt=0.333333333, steps=9)
     assert np.asarray(state["momentum"]).tolist() == pytest.approx([0.9**3, -2 * 0.9**3, 0], rel=1e-12)
+    with double():
+        # (1 - 3 k dt)^3
+        after = jax.jit(jax.value_and_grad(lambda dt: motion(body.state((1, -2, 0)), dt=dt, steps=9)["momentum"][0]))
+        assert [*map(float, after(0.333333333))] == pytest.approx([0.9**3, -0.9 * 0.9**2], rel=1e-12)
     later = motion(state, dt=0.07, steps=2, time=3.0)  # of the command that is sampled at 3 s
     assert np.asarray(later["momentum"])[0] == pytest.approx(0.9**3 * (1 - 0.1 * 0.14), rel=1e-12)
     with pytest.raises(kr.InputError, match=r"^dt: expected a step that divides"):

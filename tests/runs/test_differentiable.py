@@ -435,6 +435,7 @@ def test_durations_with_units() -> None:
     assert (last == np.asarray(motion(TUMBLING, dt=0.02, steps=150)["momentum"])).all()
 
 
+ON_SPHERE = kr.Neumann(b=(1.0, 2, -0.7))
 BAD = [
     (lambda: kr.differentiable(TOP, method="dop853"), "makes steps"),
     (lambda: kr.differentiable(kr.LagrangeTop(p=np.ones(11)), method="suris"), "n of at most 10"),
@@ -443,6 +444,11 @@ BAD = [
     (lambda: kr.differentiable(kr.Komarov(), method="baecklund"), "no search for branches"),
     (lambda: kr.differentiable(TOP)({"m": START["m"]}, dt=0.1, steps=1), "expected the components m, a"),
     (lambda: kr.differentiable(TOP)({**START, "m": np.eye(3)}, dt=0.1, steps=1), "x0.axial"),
+    (lambda: kr.differentiable(TOP)({**START, "a": np.zeros(3)}, dt=0.1, steps=1), "a must not be the zero vector"),
+    (
+        lambda: kr.differentiable(ON_SPHERE)({"x": (2.0, 0, 0), "q": np.zeros(3)}, dt=0.1, steps=1),
+        "lie on .*but it is 3",
+    ),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1.5), "an integer"),
     (lambda: kr.differentiable(TOP)({**START, "m": [0, np.nan, 1]}, dt=0.1, steps=1), "m: expected finite values"),
     (lambda: kr.differentiable(HEAVY, method="kahan")(MOVING, dt=0.1, steps=1, J=(1, 2, -1.5)), "J"),

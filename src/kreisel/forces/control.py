@@ -90,12 +90,17 @@ def _sampler(model: Model) -> Controller | None:
     return record.control if record is not None and record.sampled else None
 
 
-def whole_samples(model: Model, dt: float) -> float:
-    """The step dt, rounded to a fraction of the time between samples if it is one to 9 digits: it must not drift."""
+def whole_samples(model: Model, dt: Any) -> Any:
+    """The step dt, rounded to a fraction of the time between samples if it is one to 9 digits: it must not drift.
+
+    dt may be a value of JAX.
+    """
     control = _sampler(model)
-    if control is None or not _is_fraction(steps := control.every / dt):
+    if control is None:
         return dt
-    return control.every / round(steps) if abs(steps - round(steps)) <= WHOLE_SAMPLES * round(steps) else dt
+    count = round(steps := control.every / dt)
+    meant = _is_fraction(steps) & (abs(steps - count) <= WHOLE_SAMPLES * count)
+    return dt + meant * (control.every / (count + (count == 0)) - dt)  # exact: the two are nearly equal
 
 
 def require_whole_samples(model: Model, dt: float, start: float = 0.0, name: str = "t_start") -> None:

@@ -322,8 +322,9 @@ class Tori:
         if verdict == ELSEWHERE:
             return InputError(
                 f"{name}: expected a flow that combines the flows of its Lax matrix, got another. Usual cause: "
-                "parameters that are equal, or components of the state of very different sizes. Use another method, "
-                "such as 'dop853'."
+                "parameters that are equal, components of the state of very different sizes, or units in which powers "
+                "of the state leave the range of doubles. Use units of the size of the state, or another method, such "
+                "as 'dop853'."
             )
         if verdict == COPIES:
             most = abs(self.dt) * MOST_COPIES * _kernels().REACH / self.rooms["far"][lane, 0]

@@ -20,6 +20,7 @@ from kreisel.record.calling import Function, call, require_names
 from kreisel.record.table import handles
 from kreisel.record.units import OF_SYSTEM, BodyFrame
 from kreisel.record.values import (
+    SKEW_TOLERANCE,
     axes_of,
     by_lane,
     component,
@@ -297,7 +298,7 @@ class Model:
         three_lanes = self.batch == (3,) or (3, 3) in vectors
         for (letter, kind), value in zip(space.components, values, strict=True):
             parts[letter] = component(letter, kind, value, self.n, self._in_pairs, three_lanes)
-        self._require_sound(parts)
+        self.require_sound(parts)
         return State(parts, dict(space.components), self.system)
 
     def again(self, state: State) -> State | None:
@@ -316,13 +317,13 @@ class Model:
             if value.dtype != np.float64 or not math.isfinite(sum(value.ravel().tolist())):
                 return None
             parts[letter] = of_axial(algebra.axial(value)) if axial else value.copy()
-        self._require_sound(parts)
+        self.require_sound(parts)
         return State(parts, dict(space.components), self.system)
 
-    def _require_sound(self, parts: Mapping[str, Array]) -> None:
-        """Raises `InputError` for components off the phase space, or that the checks of the record refuse."""
+    def require_sound(self, parts: Mapping[str, Array], off: float = SKEW_TOLERANCE) -> None:
+        """Raises `InputError` for components off the phase space by more than `off`, or refused by the record."""
         with np.errstate(all="ignore"):  # squares of such large values overflow, and are refused where they matter
-            require_on_phase_space(self.system.space, parts)
+            require_on_phase_space(self.system.space, parts, off)
             for letter, check in self.system.checks.state.items():
                 check(parts[letter], letter)
 

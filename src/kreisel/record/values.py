@@ -219,8 +219,8 @@ def _three_by_three(array: Array, letter: str, lanes: bool, three_lanes: bool) -
     )
 
 
-def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:
-    """Raises `InputError` for components whose batches do not fit, or a state off the phase space."""
+def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array], most: float = SKEW_TOLERANCE) -> None:
+    """Raises `InputError` for components whose batches do not fit, or a state off the phase space by over `most`."""
     batches = [v.shape[: v.ndim - algebra.KINDS[k].axes] for v, k in zip(parts.values(), space.kinds, strict=True)]
     if any(batch != batches[0] for batch in batches):
         try:
@@ -231,7 +231,7 @@ def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> Non
         off = algebra.magnitude(constraint(*parts.values()))
         sizes = [np.zeros_like(v) + algebra.magnitude(v) for v in parts.values()]
         terms = [algebra.magnitude(constraint(*(k * v for v in sizes))) for k in (0, 1)]
-        if off > SKEW_TOLERANCE * max(terms):  # of the size of its terms: 1 of |x|^2 - 1, |M| |P| of <M, P>
+        if off > most * max(terms):  # of the size of its terms: 1 of |x|^2 - 1, |M| |P| of <M, P>
             raise InputError(
                 f"The state must lie on {space.name}: {formula} = 0, but it is {off:.3g}. "
                 "Usual cause: a component that is not normalised, or not projected across another."

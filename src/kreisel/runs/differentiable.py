@@ -58,6 +58,7 @@ if TYPE_CHECKING:
 
 SPIN = "spin"
 TRANSPOSES = {"skew": -1.0, "symmetric": 1.0}  # the transpose over the matrix
+OFF = 1e-3  # a start off its phase space by less may be a finite difference, or a long motion without projections
 MOST_N = 10  # beyond, a step has too many operations for straight-line code
 Known = dict[str, Any]
 Parts = tuple[Array, ...]
@@ -130,7 +131,7 @@ def differentiable(
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
             dt, time = (v if by.is_traced(v) else finite_number(v, k) for k, v in (("dt", dt), ("time", time)))
-            dt = dt if by.is_traced(dt) else _step_time(model, dt)
+            dt = _step_time(by, model, dt)
             start = _at_times(by, model, _start_of(by, model, state, oriented, begin), dt, time, count)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             return {k: v if every is not None else v[-1] for k, v in rows.items()}
@@ -138,7 +139,9 @@ def differentiable(
     return motion
 
 
-def _step_time(model: Model, dt: float) -> float:
+def _step_time(by: Any, model: Model, dt: Any) -> Any:
+    if by.is_traced(dt):
+        return dt + by.lax.stop_gradient(whole_samples(model, dt) - dt)
     if not dt:
         raise InputError("dt: expected a step, which may be negative, got 0.")
     return whole_samples(model, dt)
@@ -376,6 +379,9 @@ def _start_of(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, b
                 component(letter, kind, np.asarray(x), model.n, of_bodies=False)  # raises
             x = x / 2 + TRANSPOSES[form.name] * (x.mT / 2)
         out.append(algebra.KINDS[kind].from_user(by.numbers(x), model.n))
+    if (space.constraints or model.system.checks.state) and not any(map(by.is_traced, state.values())):
+        parts = {k: component(k, kind, np.asarray(state[k]), model.n, of_bodies=False) for k, kind in space.components}
+        model.require_sound(parts, OFF)
     return tuple(out)
 
 
