@@ -170,53 +170,52 @@ def in_digits(here: TopMotion, time: Any) -> tuple[Any, Any]:
     return np.concatenate([R @ m, R @ b]), turned
 
 
+FIRST = 200_000  # rows of a run of a top that are jumps
 OPTIONS = {"every": 1, "method": "exact", "order": None}
 
 
 def cost() -> dict[str, Any]:
-    """Times of one core, by the processor time of the thread, alternating.
+    """Times of one core, by the processor time of the thread, of kr.simulate and of a propagator.
 
-    Rows as in a run, a block of 2 to 3 MB after another: the first of each round, after other work, is not counted.
+    First rows are jumps, later ones share a set-up in many digits: differences of two runs, and so is the set-up.
     """
     os.environ["KREISEL_NUM_THREADS"] = "1"
     m, b, p = STATES["generic"]
     top, state, steps, count = kr.LagrangeTop(p=p), {"m": m, "a": b}, 10**6, 40_000
     body, inside = kr.LagrangeTopMoving(A=b), {"M": m, "P": p}
-    axes = {"dt": 0.1, "steps": 10**9, **OPTIONS}
-    plans = {
-        "row ns": make_plan(top, state, **axes, orientation=None),
-        "row with orientation ns": make_plan(top, state, **axes, orientation=IDENTITY),
-        "row in the moving frame ns": make_plan(body, inside, **axes, orientation=None),
-    }
-    plain = make_plan(top, state, **axes | {"method": "suris", "order": 1}, orientation=None)
+    closed, plain = kr.propagator(top, method="exact"), kr.propagator(top, method="suris", order=1, dt=0.1)
     times = np.random.default_rng(1).uniform(-1e9, 1e9, count)
-    took: dict[str, list[float]] = {}
 
-    def note(name: str, unit: float, call: Any) -> None:
+    def seconds(call: Any) -> float:
         begun = time.thread_time()
         call()
-        took.setdefault(name, []).append((time.thread_time() - begun) / unit)
+        return time.thread_time() - begun
 
-    def set_up() -> None:
-        here = TopMotion(m, b, p, reach=1e9)
-        for j in range(1 << here.places):
-            here.place(j)
+    def rows(rows: int, model: Any = top, start: Any = state, observe: Any = (), g: Any = None) -> float:
+        options: dict[str, Any] = {"dt": 0.1, "steps": rows, "method": "exact", "observe": observe, "orientation": g}
+        return seconds(lambda: kr.simulate(model, start, **options))
 
-    last = np.empty((1, 1, 6))
-    blocks = {name: np.empty((count, *plan.engine.z.shape)) for name, plan in plans.items()}
-    for _ in range(25):
-        for name, plan in plans.items():
-            plan.engine.advance(blocks[name], 1)
-            note(name, count * 1e-9, lambda name=name, plan=plan: plan.engine.advance(blocks[name], 1))
-        note("integrals of a row ns", count * 1e-9, lambda: plans["row ns"].observe(blocks["row ns"]))
-        note("state at any time us", count * 1e-6, lambda: plans["row ns"].engine.at(times))
-        note("plain map ns a step", steps * 1e-9, lambda: plain.engine.advance(last, steps))
-    for _ in range(4):
-        note("set-up ms", 1e-3, lambda: set_up())
-    for values in took.values():
-        del values[0]  # the first compiles, and touches memory
+    cases: dict[str, dict[str, Any]] = {
+        "row": {},
+        "row with integrals": {"observe": None},
+        "row with orientation": {"g": IDENTITY},
+        "row in the moving frame": {"model": body, "start": inside},
+    }
+    took: dict[str, list[float]] = {}
+    for _ in range(12):
+        values = {
+            "state at any time us": seconds(lambda: closed.at(state, times)) / count * 1e6,
+            "plain map ns a step": seconds(lambda: plain.steps(state, steps)) / steps * 1e9,
+        }
+        for name, case in cases.items():
+            first, last, later, latest = (rows(k, **case) for k in (1, FIRST, FIRST + 10, 4 * FIRST))
+            values[f"first {name} ns"] = (last - first) / FIRST * 1e9
+            values[f"later {name} ns"] = (latest - later) / (3 * FIRST) * 1e9
+            values[f"set-up, {name} ms"] = (later - last) * 1e3
+        for name, value in values.items():
+            took.setdefault(name, []).append(value)
     figures = {"median": np.median, "least": min}
-    return {name: {k: float(f"{f(values):.3g}") for k, f in figures.items()} for name, values in took.items()}
+    return {name: {k: float(f"{f(vs[1:]):.3g}") for k, f in figures.items()} for name, vs in took.items()}
 
 
 PARTS = {

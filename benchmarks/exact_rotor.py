@@ -52,12 +52,12 @@ def measured(J: np.ndarray, M: np.ndarray, digits: int = 60, parts: int = 1) -> 
     rows, right = Jumps(form._scheme, len(form._start)).at(np.ascontiguousarray(form._start), TIMES)
     momenta, turns = parted(rows)
     jumped = [errors(J[k], M[k], (momenta[:, k], turns[:, k]), right[:, k], digits) for k in range(len(J))]
-    engine.jumps.FEW, before = 0, engine.jumps.FEW
+    engine.jumps.TOLERANCE, before = -1.0, engine.jumps.TOLERANCE  # no jump is right
     by_parts = []
     for k in range(0, len(J), parts):
         momenta, turns = parted(engine_of(J[k], M[k], 1e12).at(TIMES))
         by_parts.append(errors(J[k], M[k], (momenta[:, 0], turns[:, 0]), np.ones(len(TIMES), bool), digits))
-    engine.jumps.FEW = before
+    engine.jumps.TOLERANCE = before
     found = {"bodies": len(J), "jumps that are right": round(float(right.mean()), 4)}
     for name, all_of in (("jumps", jumped), ("parts", by_parts)):
         for what, values in zip(("state", "orientation"), np.transpose(all_of), strict=True):

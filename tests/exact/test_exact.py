@@ -28,7 +28,8 @@ from tops import DOUBLE, SPECIAL, UP, error, off, off_turn, random_tops
 @pytest.fixture(autouse=True)
 def _in_many_digits(monkeypatch: pytest.MonkeyPatch) -> None:
     """No jumps: they have tests of their own."""
-    monkeypatch.setattr(engine.jumps, "FEW", 0)
+    monkeypatch.setattr(engine.jumps, "ROWS", {})
+    monkeypatch.setattr(engine.jumps, "TOLERANCE", -1.0)
 
 
 @pytest.mark.parametrize("name", SPECIAL)

@@ -18,6 +18,7 @@ from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.engine import ClosedForm
 from kreisel.kernels.exact.jumps import Jumps
 from kreisel.method import scheme
+from kreisel.method.scheme import Spin
 from rotors import by_taylor, closed_form
 from sizes import FULL
 
@@ -87,7 +88,7 @@ def parted(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def in_parts(J: Any, M: Any, times: Any, monkeypatch: pytest.MonkeyPatch) -> tuple[np.ndarray, np.ndarray]:
     """By polynomials, never by jumps."""
     with monkeypatch.context() as patch:
-        patch.setattr(jumps, "FEW", 0)
+        patch.setattr(jumps, "TOLERANCE", -1.0)
         M, g = parted(engine_of(J, M, float(abs(times).max())).at(np.asarray(times, dtype=float)))
     return M[:, 0], g[:, 0]
 
@@ -221,19 +222,19 @@ def test_rows_are_those_at_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
     J, M = CASES["about the first axis"]
     rows, dt = np.empty((500, 1, 7)), 0.125
     with monkeypatch.context() as patch:
-        patch.setattr(jumps, "ROWS", 0)
+        patch.setattr(jumps, "ROWS", {})
         engine_of(J, M, 1e4, dt).advance(rows, 3)
     there = engine_of(J, M, 1e4).at(3 * dt * np.arange(1.0, 501))
     assert abs(rows - there).max() < 16 * ULP * 2.1
     with monkeypatch.context() as patch:
-        patch.setattr(jumps, "FEW", 0)
+        patch.setattr(jumps, "TOLERANCE", -1.0)
         assert (rows == engine_of(J, M, 1e4).at(3 * dt * np.arange(1.0, 501))).all()
 
 
 def rows_of(J: Any, M: Any, cuts: list[int], monkeypatch: pytest.MonkeyPatch, jumps_first: int = 10**6) -> np.ndarray:
     """Every third state of dt = 0.1, in calls of so many rows."""
     with monkeypatch.context() as patch:
-        patch.setattr(jumps, "ROWS", jumps_first)
+        patch.setattr(jumps, "ROWS", {Spin: jumps_first})
         top, M = kr.EulerTop(J=J), np.atleast_2d(np.asarray(M, dtype=float))
         z = algebra.flatten((algebra.hat(M), np.broadcast_to(STILL, (len(M), 4))), KINDS)
         form = ClosedForm(scheme(top, "exact", 0.1, None, True), z, 0.1, 1e4, every=3)

@@ -26,7 +26,7 @@ from kreisel.graph.recording import recorded_function
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps, jumps_of
 from kreisel.kernels.layout import LANES, Floats, Look, no_look, on_threads
-from kreisel.method.scheme import ORIENTATION, Jump, Scheme, Spin
+from kreisel.method.scheme import ORIENTATION, Jump, Scheme
 from kreisel.record.contract import Orbit, States
 
 AT_ONCE = 4096  # times that a function is asked for
@@ -55,9 +55,9 @@ def dyadic(times: Floats) -> tuple[Array, Array]:
 class ClosedForm:
     """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|.
 
-    The first rows, one in `every` steps, are jumps, each with a separate set-up: `jumps.ROWS` of a free body and
-    `jumps.FEW` of a top.  All others share one in many digits, and so do those that need it.  Or at any times, a few of
-    which are jumps.
+    The first `jumps.ROWS`, one in `every` steps, of a free body or a top are jumps, each with a separate set-up.  All
+    others share one in many digits, and so do those that need it.  Or at any times, by jumps: a separate set-up costs
+    less than to find the place of a time in the shared one.
     """
 
     projection = None
@@ -67,8 +67,7 @@ class ClosedForm:
             raise TypeError(f"the scheme {scheme.name} states no orbit")
         self.z, self._orbits = np.array(z0, dtype=np.float64), scheme.orbits
         self._scheme, self._start, self._reach, self._unit = scheme, self.z.copy(), reach, dt
-        rows = {Spin: jumps.ROWS, Jump: jumps.FEW}.get(type(self._orbits.jump), 0)
-        self._done, self._jumped = 0, rows * every
+        self._done, self._jumped = 0, jumps.ROWS.get(type(self._orbits.jump), 0) * every
         self._rows_of_lanes: dict[int, OrbitRows | Samples] = {}
         self._compiled: tuple[list[int], Kernel] | None = None
 
@@ -117,30 +116,29 @@ class ClosedForm:
         count = min(len(out), max(0, (self._jumped - self._done) // every))
         if count:
             look()
-            self._leap(out[:count], every)
+            out[:count] = self._leapt(self._done + every * np.arange(1.0, count + 1), self._unit)
             self._done += every * count
         if count < len(out):
             self._march(out[count:], every, look)
         self.z[:] = out[-1]
 
-    def _leap(self, out: Floats, every: int) -> None:
-        k = self._done + every * np.arange(1, len(out) + 1)
-        out[:], right = self._leapt(k.astype(np.float64), self._unit)
-        for lane, rows in self._lanes(np.flatnonzero(~right.all(0)).tolist()).items():
-            wrong = np.flatnonzero(~right[:, lane])
-            mended = np.empty((len(wrong), 1, out.shape[-1]))
-            dt, exponent = self._dyadic
-            rows.at(mended, 0, k[wrong].astype(object) * dt, np.broadcast_to(exponent, wrong.shape))
-            out[wrong, lane] = mended[:, 0]
+    def _leapt(self, times: Floats, unit: float = 1.0) -> Floats:
+        """States at the products of times and unit, with the signs of quaternions in the continuous motion.
 
-    def _leapt(self, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:
-        """Jumps to the times, with the signs of quaternions in the continuous motion, and which of them are right."""
+        By jumps, and in many digits where these are not right.
+        """
         out, right = self._jumps.at(self._start, times, unit)
         if isinstance(self._orbits.jump, Jump) and ORIENTATION in dict(self._scheme.components):
             first, signs = self._scheme.column_of(ORIENTATION), self._signs(times * unit)
             out[..., first : first + 4] *= signs[..., None]
             right &= signs != 0
-        return out, right
+        for lane, rows in self._lanes(np.flatnonzero(~right.all(0)).tolist()).items():
+            wrong, (factor, power) = np.flatnonzero(~right[:, lane]), dyadic(np.array([unit]))
+            integers, exponents = dyadic(times[wrong])
+            mended = np.empty((len(wrong), 1, out.shape[-1]))
+            rows.at(mended, 0, integers * factor[0], exponents + power[0])
+            out[wrong, lane] = mended[:, 0]
+        return out
 
     @cached_property
     def _periods(self) -> tuple[Array, Array]:
@@ -182,14 +180,10 @@ class ClosedForm:
 
     def at(self, times: Floats) -> Floats:
         """The states (times, lanes, d) at times in any order."""
-        if self._orbits.jump is None or len(times) > jumps.FEW:
-            out, which = np.empty((len(times), *self.z.shape)), list(range(len(self.z)))
-        else:
-            out, right = self._leapt(times)
-            if right.all():
-                return out
-            which = np.flatnonzero(~right.all(0)).tolist()
-        for lane, rows in self._lanes(which).items():
+        if self._orbits.jump is not None:
+            return self._leapt(times)
+        out = np.empty((len(times), *self.z.shape))
+        for lane, rows in self._lanes(range(len(self.z))).items():
             rows.at(out, lane, *dyadic(times))
         return out
 

@@ -29,8 +29,7 @@ from kreisel.kernels.layout import Floats, on_threads
 from kreisel.method.scheme import Jump, Scheme, Spin
 
 TOLERANCE = 1e-16  # of a rotation and of a period: more that a jump may be off, and more digits are taken
-FEW = 10_000  # times that are jumps: the set-up of a motion in many digits needs as long as 10^5 of them
-ROWS = 10**6  # of a run of a free body that are jumps: its set-up needs as long, 50 ms
+ROWS = {Spin: 100_000, Jump: 200_000}  # of a run that are jumps: about as long as the set-up in many digits
 WORK = 5_000  # a jump is worth this number of operations on lanes
 MOST = 64  # maps in a jump
 

@@ -22,7 +22,7 @@ from kreisel.graph.project import FAR
 from kreisel.graph.recording import fill
 from kreisel.kernels.cpu import CpuEngine, RowFunction, frame_of, point_links, points
 from kreisel.kernels.engines import Engine, corrections
-from kreisel.kernels.exact.jumps import FEW, TOLERANCE, Jumps
+from kreisel.kernels.exact.jumps import TOLERANCE, Jumps
 from kreisel.kernels.layout import Floats, threads_for
 from kreisel.method import scheme as scheme_of
 from kreisel.method.scheme import COUNT, ORIENTATION, Flow, Jump, Orbits, Scheme, Steps
@@ -310,7 +310,7 @@ class Stepper:
 
     def _jumped(self, z: Floats, times: Floats, unit: float = 1.0) -> Floats | None:
         """Rows (times, lanes, d) by compiled jumps, at times in a unit; None if not all are accurate."""
-        if not self._jumping or len(times) > FEW:
+        if not self._jumping:
             return None
         out, right = self._jumps(len(z)).at(z, times, unit)
         return out if right.all() else None
