@@ -2,7 +2,7 @@
 
 The engine that a run chooses ("chosen": structured code of O(n) or O(n^2) a step from n = 9 on where the step has
 that form, else straight-line code up to n = 10 and the definition on arrays beyond), and the other ones for
-comparison.  Exponents are those of the least squares line through the logarithms, from n = 10 and from n = 100 on: at
+comparison.  Exponents are slopes of a least squares line through the logarithms, from n = 10 and from n = 100 on: at
 n = 1000 the rows of O(n) kernels no longer stay in the first cache.  Processor time of the thread, least of several,
 of the steps alone: two runs are compared.
 
