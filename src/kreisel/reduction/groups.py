@@ -37,7 +37,6 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.record.calling import Portable
 from kreisel.reduction import numerics
 from kreisel.reduction.numerics import double, jax
-from kreisel.runs.settings import within
 
 jnp = jax.numpy
 CLOSED, SAME = 1e-10, 1e-9
@@ -387,7 +386,8 @@ def representation(group: Group, Phi: Callable[[Array, Array], Array], dim: int,
 
     Raises `InputError` unless Phi is linear in v and Phi(g h) = Phi(g) Phi(h) at random elements.
     """
-    within(dim, "dim", 1, 10_000)
+    if not isinstance(dim, int) or not 1 <= dim <= 10_000:
+        raise InputError(f"dim must be an integer from 1 to 10,000, got {shown(dim)}.")
     with double():
         rng = np.random.default_rng(1)
         g, h = random_element(group, rng), random_element(group, rng)
