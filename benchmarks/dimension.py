@@ -1,10 +1,9 @@
-"""Time of a step against n, single runs of kr.simulate that keep the last row, with fitted exponents.
+"""Time of a step against n, single trajectories without saving, with fitted exponents.
 
 The engine that a run chooses ("chosen": structured code of O(n) or O(n^2) a step from n = 9 on where the step has
 that form, else straight-line code up to n = 10 and the definition on arrays beyond), and the other ones for
-comparison.  Exponents are slopes of a least squares line through the logarithms, from n = 10 and from n = 100 on: at
-n = 1000 the rows of O(n) kernels no longer stay in the first cache.  Processor time of the thread, least of several,
-of the steps alone: two runs are compared.
+comparison.  Exponents are those of the least squares line through the logarithms, from n = 10 and from n = 100 on: at
+n = 1000 the rows of O(n) kernels no longer stay in the first cache.  Processor time of the thread, least of several.
 
 Accuracy: a million steps at n = 10 with the structured and with the dense kernel, worst of the energy and the Casimirs
 in units in the last place.
@@ -20,13 +19,18 @@ import numpy as np
 from cases import machine, parser, write
 
 import kreisel as kr
+from kreisel.runs.planning import make_plan
 
 SIZES = (3, 4, 6, 10, 30, 100, 300, 1000)
 FROM = (10, 100)  # of the fits
 LARGE = 100  # from here on orders of baecklund too
 DENSE = {"lagrange-top": (10, 100, 1000), "clebsch": (10, 100, 1000)}  # where the dense kernel is compared
-COMPARED = {"lagrange-top": (("suris", 1), ("baecklund", 4)), "lagrange-top-moving": (("suris", 1),),
-            "clebsch": (("suris", 1), ("baecklund", 2)), "neumann": (("suris", 1),)}  # fmt: skip
+COMPARED = {
+    "lagrange-top": (("suris", 1), ("baecklund", 4)),
+    "lagrange-top-moving": (("suris", 1),),
+    "clebsch": (("suris", 1), ("baecklund", 2)),
+    "neumann": (("suris", 1),),
+}
 ORIENTED = "lagrange-top, with orientation"
 SECONDS, TURNS = 0.05, 5
 
@@ -44,21 +48,35 @@ def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
     }
 
 
-def nanoseconds(model: Any, state: dict[str, Any], **options: Any) -> tuple[str, float]:
-    """The engine's name, and nanoseconds a step: runs of kr.simulate of N and of 4 N steps differ by 3 N."""
-    last: list[Any] = []
-
-    def seconds(steps: int) -> float:
+def nanoseconds(
+    model: Any, state: dict[str, Any], method: str, order: int, engine: str | None, orientation: Any = None
+) -> tuple[str, float]:
+    """The engine's name, and nanoseconds a step."""
+    plan = make_plan(
+        model,
+        model.state(**state),
+        dt=0.01,
+        steps=1,
+        every=1,
+        method=method,
+        order=order,
+        orientation=orientation,
+        engine=engine,
+    )
+    out, steps = np.empty((1, *plan.engine.z.shape)), 1
+    plan.engine.advance(out, 1)
+    took = 0.0
+    while took < SECONDS:
         begun = time.thread_time()
-        last[:] = [kr.simulate(model, model.state(**state), dt=0.01, steps=steps, every=steps, observe=(), **options)]
-        return time.thread_time() - begun
-
-    seconds(1)  # compiles
-    steps = 1
-    while (longer := min(seconds(4 * steps), seconds(4 * steps))) - seconds(steps) < SECONDS:
-        steps *= 2 if longer > SECONDS / 8 else 8
-    best = min(seconds(4 * steps) for _ in range(TURNS)) - min(seconds(steps) for _ in range(TURNS))
-    return last[0].attrs["engine"], best / (3 * steps) * 1e9
+        plan.engine.advance(out, steps)
+        took = time.thread_time() - begun
+        steps = steps if took >= SECONDS else 2 * steps
+    best = took
+    for _ in range(TURNS - 1):
+        begun = time.thread_time()
+        plan.engine.advance(out, steps)
+        best = min(best, time.thread_time() - begun)
+    return plan.where, best / steps * 1e9
 
 
 def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
@@ -97,8 +115,16 @@ def accuracy(steps: int, n: int = 10) -> dict[str, dict[str, float]]:
         for method, order in COMPARED.get(name, ()):
             row = out[f"{name}, {method} of order {order}"] = {}
             for engine in ("large", "cpu"):
-                run = kr.simulate(model, model.state(**state), dt=0.1, steps=steps, every=steps // 100, method=method,
-                                  order=order, engine=engine)  # fmt: skip
+                run = kr.simulate(
+                    model,
+                    model.state(**state),
+                    dt=0.1,
+                    steps=steps,
+                    every=steps // 100,
+                    method=method,
+                    order=order,
+                    engine=engine,
+                )
                 table = kr.drift(run)
                 moving = table[table.conserved & table.index.str.match("energy|casimir")]
                 row[engine] = round(float(moving.ulps.max()), 2)
@@ -120,7 +146,7 @@ def main(arguments: list[str] | None = None) -> None:
         for name, system, order, method, engine in asked(n):
             model, state = known[system]
             g = np.eye(n) if name == ORIENTED else None
-            where, ns = nanoseconds(model, state, method=method, order=order, engine=engine, orientation=g)
+            where, ns = nanoseconds(model, state, method, order, engine, g)
             found.setdefault(name, {})[str(n)] = round(ns, 1)
             engines.setdefault(name, {})[str(n)] = where
             print(f"n = {n:<5}{name:<36}{where:<6}{ns:14,.0f} ns", flush=True)
@@ -128,8 +154,14 @@ def main(arguments: list[str] | None = None) -> None:
     for first, row in exponents.items():
         print(f"exponents from n = {first} on: {row}")
     ulps = accuracy(options.steps) if options.steps else {}
-    result = {"machine": machine(), "load_average_before": load, "ns": found, "engines": engines,
-            "exponents": exponents, "accuracy": {"steps": options.steps, "n": 10, "ulps": ulps}}  # fmt: skip
+    result = {
+        "machine": machine(),
+        "load_average_before": load,
+        "ns": found,
+        "engines": engines,
+        "exponents": exponents,
+        "accuracy": {"steps": options.steps, "n": 10, "ulps": ulps},
+    }
     write(result, options.output)
 
 
