@@ -300,7 +300,7 @@ def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
             f"expected a run, the Dataset of kr.simulate or kr.open_run, got {shown(type(run).__name__)}. "
             "An archive is opened by kr.open_run(path); several motions are the lanes of one run."
         )
-    if "kreisel_measured" in run.attrs:
+    if attributes and "kreisel_measured" in run.attrs:
         raise InputError("expected a run, got a result of units.measured, a plain Dataset. Give the run itself.")
     missing = [name for name in attributes if name not in run.attrs]
     missing += ["time"] if "time" not in run.variables else []
