@@ -67,10 +67,10 @@ def at(
     observe      Casimirs and integrals to compute in addition to the state, by name; default: all
 
     No steps are made, and no error grows with time except for the orientation of a gyrostat (docs/exact.md): after
-    10^12 nutation periods a state is as exact as after one.  Tops and free bodies make compiled jumps of
-    less than a microsecond including set-up, with errors of 3e-16, at most 3e-15.  Motions of tops near a separatrix,
-    gyrostats and iterates are set up in many digits: 0.1 to 0.2 s per motion, 0.05 s for a free body,
-    0.6 s near the critical sleeping top; then a microsecond per time.  Returns the `xarray.Dataset` of `kr.simulate`,
+    10^12 nutation periods a state is as exact as after one.  The states of tops and free bodies are compiled jumps, of
+    less than a microsecond each, with errors of 3e-16, at most 3e-15.  Motions of tops near a separatrix, gyrostats and
+    iterates are set up in many digits: 0.1 to 0.2 s per motion, 0.05 s for a free body, 0.6 s near the critical
+    sleeping top; then a microsecond per time.  Returns the `xarray.Dataset` of `kr.simulate`,
     with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times, and `RunError`
     if values overflow.
     """

@@ -167,7 +167,7 @@ def resume(
     with one_writer(where) as settled:
         if settled and extend is None:  # nothing else remained to be done
             return presented(open_rows(where))
-        record = run_record(where if stands(where) or not stands(part_of(where)) else part_of(where))
+        record = run_record(part_of(where) if stands(part_of(where)) and not stands(where) else where)
         frame = record.body_frame
         if frame.names:
             end, events = extend, scaled_events(frame, events)
