@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+import re
+import warnings
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import rebound
-from astropy.time import Time
+from astropy.time import Time, TimeDelta
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -243,14 +244,56 @@ def test_a_path_in_a_frame_of_the_earth_is_doubted(inclination: str) -> None:
             Orbit.from_table(t, r, velocities)
 
 
-@pytest.mark.parametrize(("count", "most"), [(5, 1e6), (12, 1e3)])
-def test_few_positions_in_a_revolution_are_doubted(count: int, most: float) -> None:
-    orbit = Orbit("7000 km", 0.01, "51 deg", J2=True)
-    t = np.arange(2 * count + 1) * orbit.period / count
-    with pytest.warns(kr.InputWarning, match="10 or more in a revolution, got 4") if count < 10 else nullcontext():
-        path = Orbit.from_table(t, orbit.at(t)[0])
-    times = np.linspace(0, t[-1], 500)
-    assert 0.01 * most < np.linalg.norm(path.at(times)[0] - orbit.at(times)[0], axis=-1).max() < most
+def hyperbola(t: Any) -> Any:
+    """Position and velocity of a flyby of the Earth, 12,000 km from its centre and at 6 km/s far away, by SciPy."""
+
+    def fall(_: float, y: Any) -> Any:
+        return [*y[3:], *(-EARTH.mu * y[:3] / np.linalg.norm(y[:3]) ** 3)]
+
+    start = [12e6, 0, 0, 0, np.sqrt(6e3**2 + 2 * EARTH.mu / 12e6), 0]
+    ways = [solve_ivp(fall, (0, side * 8e4), start, "DOP853", rtol=1e-12, dense_output=True).sol for side in (1, -1)]
+    return np.split(np.where(t >= 0, ways[0](abs(t)), ways[1](-abs(t))).T, 2, -1)
+
+
+@pytest.mark.parametrize("velocities", [False, True])
+@pytest.mark.parametrize(
+    ("place", "span", "few", "many"), [("ellipse", 17_500, 15, 40), ("hyperbola", 144_000, 100, 600)]
+)
+def test_rows_too_far_apart_are_doubted(place: str, span: float, few: int, many: int, velocities: bool) -> None:
+    """The warning has the error to a factor of 3; paths without a warning are exact to 3e-4 of their distance."""
+    where = hyperbola if place == "hyperbola" else Orbit("7000 km", 0.01, "51 deg", J2=True).at
+    times = np.linspace(-span / 2, span / 2, 1501)
+    for count in (few, many):
+        t = np.linspace(-span / 2, span / 2, count + 1)
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            path = Orbit.from_table(t, *where(t)[: 1 + velocities])
+        error = np.linalg.norm(path.at(times)[0] - where(times)[0], axis=-1)
+        if count == few:
+            km = float(re.search("off by about (.*) km at", str(heard[0].message))[1])  # type: ignore[index]
+            assert error.max() / 3e3 < km < 3e-3 * error.max()
+        else:
+            assert not heard
+            assert (error < 3e-4 * np.linalg.norm(where(times)[0], axis=-1)).all()
+
+
+def test_dates_of_astropy_are_in_utc() -> None:
+    """Terrestrial time is 69.184 s ahead of UTC since 2017 (IERS Bulletin C)."""
+    t = np.arange(0.0, 3000.0, 60.0)
+    dates = Time("2026-03-20T12:01:09.184", scale="tt") + TimeDelta(t, format="sec")
+    path = Orbit.from_table(dates, *ORBITS["round"].at(t))
+    assert path.days == Orbit("7000 km", epoch=dates[0]).days == Orbit("7000 km", epoch="2026-03-20T12:00:00").days
+    assert abs(path.at(90.0)[0] - ORBITS["round"].at(90.0)[0]).max() < 1e-6
+
+
+def test_a_state_needs_a_place_at_its_start() -> None:
+    t = np.arange(1000.0, 4000.0, 60.0)
+    body = Satellite((1, 2, 2.5), Orbit.from_table(t, *ORBITS["round"].at(t)))
+    with pytest.raises(kr.InputError, match=r"times of the path, 1000 to 3940 s .* Give state both attitude and spin"):
+        body.state()
+    start = body.state(attitude=(1, 0, 0, 0), spin=(0, 0, 0))
+    run = kr.simulate(body, start, dt="10 s", t_start=1000, t_end="20 min", progress=False)
+    assert abs(run.position.values[-1] - ORBITS["round"].at(1200.0)[0]).max() < 1e-6
 
 
 def test_days_of_an_epoch() -> None:

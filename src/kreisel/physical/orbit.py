@@ -67,16 +67,17 @@ def _checked(primary: Any) -> Primary:
 
 DAY, MOST_DEGREE, MOST_ROWS = 86_400.0, 5, 2_000_000
 CONSISTENT = 0.02  # of the length of a path: the largest part that is not by the velocities
-FARTHEST = 2 * math.pi / 10  # rad between positions: 0.2 km off with 12 in a low revolution, 16 km with 8
+LOOSE = 3e-4  # of the distance: an error between rows, 2 km in a low orbit
 FALLING = 0.05  # of mu/r^2: the oblateness of the Earth has 0.002, a polar orbit in a frame of the Earth 0.1
 AHEAD_OF_UTC = {"TDB": 69.184, "TT": 69.184, "TAI": 37.0, "GPS": 18.0}  # s
 J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
 
 
 def _date(epoch: Any) -> dt.datetime | None:
-    """A date in UTC, from ISO text, a date of Python, NumPy or pandas; None for None.  Raises `InputError`."""
+    """A date in UTC, from ISO text, a date of Python, NumPy, pandas, astropy; None for None.  Raises `InputError`."""
     if epoch is None:
         return None
+    epoch = _of_astropy(epoch)
     if isinstance(epoch, str):
         day, scale = re.fullmatch(r"(.*?)\s*([A-Za-z]{2,}\d?)?\s*", epoch, re.DOTALL).groups()  # type: ignore[union-attr]
         scale = (scale or "").upper()
@@ -96,6 +97,11 @@ def _date(epoch: Any) -> dt.datetime | None:
         raise InputError(
             f"epoch: expected a date in UTC such as '2026-03-20T14:46:00', or a datetime, got {shown(epoch)}."
         ) from None
+
+
+def _of_astropy(times: Any) -> Any:
+    """A `Time` of astropy, of any scale, as dates of NumPy in UTC; other values unchanged."""
+    return getattr(getattr(times, "utc", None), "datetime64", times)
 
 
 class Rates(NamedTuple):
@@ -279,11 +285,11 @@ class Orbit:
         elements `period` and the like have; with unequal times, resampled at equal ones.  Raises `InputError` for times
         that do not increase, positions inside the primary, velocities of another path, and times too unequal for that.
         Warns with `InputWarning` if most accelerations are not mu/r^2, as in a frame that rotates with the Earth, and
-        of fewer than ten positions in a revolution without velocities.
+        of rows too far apart: without velocities fewer than about ten in a revolution, with velocities eight.
         """
         t, epoch = None, _date(epoch)
         with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):  # of values with units
-            dates = np.asarray([times] if isinstance(times, str) else times)
+            dates = np.asarray([times] if isinstance(times, str) else _of_astropy(times))
             if dates.dtype.kind in "MUO":
                 days: list[Any] = [_date(day) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
                 first = epoch or days[0]
@@ -337,23 +343,40 @@ class Orbit:
                     "Usual cause: km/s for m/s, times in another unit than s, a rotating frame, or rows too far apart."
                 )
             slopes = v - near[1], rates.derivative()(t)
-        path = _equally_spaced(Table(t, r - near[0], slopes))
-        angle = float((np.diff(t) * np.sqrt(self.primary.mu / np.linalg.norm(r[1:], axis=-1) ** 3)).max())
-        if v is None and angle > FARTHEST:
-            doubt(
-                f"positions: expected {2 * math.pi / FARTHEST:.0f} or more in a revolution, got "
-                f"{2 * math.pi / angle:.1f}: in between the path may be off by km. Give more, or velocities too."
-            )
-        by_gravity, of_ellipse = (-self.primary.mu * (x.T / np.linalg.norm(x, axis=-1) ** 3).T for x in (r, near[0]))
-        off = (slopes[1] + of_ellipse - by_gravity) / np.linalg.norm(by_gravity, axis=-1, keepdims=True)
-        square = float(np.median((off[1:] * off[:-1]).sum(-1)))  # of noise, whose sign changes, it is negative
+        table = Table(t, r - near[0], slopes)
+        path = _equally_spaced(table)
+        self._doubt_of(table)
+        return replace(self, path=path)
+
+    def _doubt_of(self, table: Table) -> None:
+        """Warn of a path that does not fall by gravity, at its rows or between them."""
+
+        def off(t: Array) -> tuple[Array, Array, Array]:
+            near = self.at(t)[0]
+            r = near + table(t)
+            by_gravity, of_ellipse = (-self.primary.mu * (x.T / np.linalg.norm(x, axis=-1) ** 3).T for x in (r, near))
+            return table(t, 2) + of_ellipse - by_gravity, by_gravity, r
+
+        t = table.times
+        wrong, gravity, _ = off(t)
+        share = wrong / np.linalg.norm(gravity, axis=-1, keepdims=True)
+        square = float(np.median((share[1:] * share[:-1]).sum(-1)))  # of noise, whose sign changes, it is negative
         if square > FALLING**2:
-            doubt(
+            return doubt(
                 f"positions: expected a path with the acceleration mu/r^2 of the {self.primary.name}, got one that is "
                 f"{math.sqrt(square):.0%} off. Usual cause: a frame that rotates with the Earth (ECEF, ITRF), or times "
                 "in another unit than s."
             )
-        return replace(self, path=path)
+        middle, steps = (t[1:] + t[:-1]) / 2, np.diff(t)
+        wrong, _, r = off(middle)
+        error = np.linalg.norm(wrong, axis=-1) * (steps / math.pi) ** 2  # of a path that swings once in two steps
+        worst = int(np.argmax(error / np.linalg.norm(r, axis=-1)))
+        if error[worst] > LOOSE * np.linalg.norm(r[worst]):
+            doubt(
+                f"positions: expected rows close enough for a path that is exact to {LOOSE:g} of its distance, got one "
+                f"that is off by about {error[worst] / 1e3:.0f} km at t = {middle[worst]:g} s. Usual cause: fewer than "
+                "ten rows in a revolution, or steps too long for a pericentre. Give more rows, and velocities."
+            )
 
     @property
     def mean_motion(self) -> float:
@@ -413,9 +436,20 @@ class Orbit:
         return formulas.axes(finite_floats(time, "s", "time"), self._constants)
 
     def at(self, time: Any) -> tuple[Array, Array]:
-        """Position, m, and velocity, m/s, at times in s (...): each (..., 3), in space."""
+        """Position, m, and velocity, m/s, at times in s (...): each (..., 3), in space.
+
+        Raises `InputError` for times outside the path.
+        """
+        t = finite_floats(time, "s", "time")
+        if self.path is not None and t.size and not self.path.span[0] <= t.min() <= t.max() <= self.path.span[1]:
+            first, last = self.path.span
+            raise InputError(
+                f"time: expected times of the path, {first:g} to {last:g} s from its epoch, got {t.min():g} to "
+                f"{t.max():g}. Usual cause: state(...) and pointing(...), which begin at t = 0. Give state both "
+                "attitude and spin, or count the times from another epoch."
+            )
         path = Reader(np.zeros(4), formulas.PATH) if self.path is None else self.path
-        r, v = formulas.place(finite_floats(time, "s", "time"), self._constants, path)
+        r, v = formulas.place(t, self._constants, path)
         return r, v
 
     def frame(self, time: Any) -> Array:
