@@ -1,9 +1,12 @@
 """Time of a step against n, single trajectories without saving, with fitted exponents.
 
+Calls of `p.steps`, and of `kr.simulate` where the engine is prescribed: the time of many steps less that of one step.
+
 The engine that a run chooses ("chosen": structured code of O(n) or O(n^2) a step from n = 9 on where the step has
 that form, else straight-line code up to n = 10 and the definition on arrays beyond), and the other ones for
 comparison.  Exponents are those of the least squares line through the logarithms, from n = 10 and from n = 100 on: at
-n = 1000 the rows of O(n) kernels no longer stay in the first cache.  Processor time of the thread, least of several.
+n = 1000 the rows of O(n) kernels no longer stay in the first cache.  Processor time of the thread, the least of
+several.
 
 Accuracy: a million steps at n = 10 with the structured and with the dense kernel, worst of the energy and the Casimirs
 in units in the last place.
@@ -13,18 +16,18 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from cases import machine, parser, write
 
 import kreisel as kr
-from kreisel.runs.planning import make_plan
 
 SIZES = (3, 4, 6, 10, 30, 100, 300, 1000)
 FROM = (10, 100)  # of the fits
 LARGE = 100  # from here on orders of baecklund too
-DENSE = {"lagrange-top": (10, 100, 1000), "clebsch": (10, 100, 1000)}  # where the dense kernel is compared
+DENSE = {"lagrange-top": (10, 100), "clebsch": (10, 100)}  # where the dense kernel is compared
 COMPARED = {
     "lagrange-top": (("suris", 1), ("baecklund", 4)),
     "lagrange-top-moving": (("suris", 1),),
@@ -32,7 +35,7 @@ COMPARED = {
     "neumann": (("suris", 1),),
 }
 ORIENTED = "lagrange-top, with orientation"
-SECONDS, TURNS = 0.05, 5
+SECONDS, CALLS = 0.1, 5
 
 
 def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
@@ -48,35 +51,34 @@ def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
     }
 
 
-def nanoseconds(
-    model: Any, state: dict[str, Any], method: str, order: int, engine: str | None, orientation: Any = None
-) -> tuple[str, float]:
-    """The engine's name, and nanoseconds a step."""
-    plan = make_plan(
-        model,
-        model.state(**state),
-        dt=0.01,
-        steps=1,
-        every=1,
-        method=method,
-        order=order,
-        orientation=orientation,
-        engine=engine,
+def nanoseconds(steps: Callable[[int], Any]) -> float:
+    """Nanoseconds a step: a call of many steps less a call of one, the least of several each."""
+    count, single = 1, _least(steps, 1)
+    while (many := _least(steps, 1 + count, 1)) < single + SECONDS:
+        count *= 2
+    many = min(many, _least(steps, 1 + count))
+    return (many - _least(steps, 1)) / count * 1e9
+
+
+def _least(steps: Callable[[int], Any], count: int, calls: int = CALLS) -> float:
+    """Processor seconds of a call of that many steps."""
+    spent = []
+    for _ in range(calls):
+        begun = time.thread_time()
+        steps(count)
+        spent.append(time.thread_time() - begun)
+    return min(spent)
+
+
+def call_of(model: Any, state: dict[str, Any], method: str, order: int, engine: str | None) -> Callable[[int], Any]:
+    """A call of a number of steps: `p.steps`, or `kr.simulate` by a prescribed engine."""
+    if engine is None:
+        p = kr.propagator(model, dt=0.01, method=method, order=order, orientation="g" in state)
+        return lambda count: p.steps(state, count)
+    start = model.state(**state)
+    return lambda count: kr.simulate(
+        model, start, dt=0.01, steps=count, every=count, method=method, order=order, engine=engine
     )
-    out, steps = np.empty((1, *plan.engine.z.shape)), 1
-    plan.engine.advance(out, 1)
-    took = 0.0
-    while took < SECONDS:
-        begun = time.thread_time()
-        plan.engine.advance(out, steps)
-        took = time.thread_time() - begun
-        steps = steps if took >= SECONDS else 2 * steps
-    best = took
-    for _ in range(TURNS - 1):
-        begun = time.thread_time()
-        plan.engine.advance(out, steps)
-        best = min(best, time.thread_time() - begun)
-    return plan.where, best / steps * 1e9
 
 
 def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
@@ -97,10 +99,10 @@ def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
     return rows
 
 
-def fitted(found: dict[str, dict[str, float]], first: int) -> dict[str, float]:
+def fitted(measured: dict[str, dict[str, float]], first: int) -> dict[str, float]:
     """Exponents of the cost from n = `first` on."""
     out = {}
-    for name, row in found.items():
+    for name, row in measured.items():
         far = [(int(n), ns) for n, ns in row.items() if int(n) >= first]
         if len(far) > 2:
             n, ns = np.array(far).T
@@ -139,26 +141,23 @@ def main(arguments: list[str] | None = None) -> None:
     asking.add_argument("--steps", type=int, default=1_000_000, help="for the accuracy; 0: do without")
     options = asking.parse_args(arguments)
     load = round(os.getloadavg()[0], 1)
-    found: dict[str, dict[str, float]] = {}
-    engines: dict[str, dict[str, str]] = {}
+    measured: dict[str, dict[str, float]] = {}
     for n in (n for n in SIZES if n <= options.largest):
-        known = models(n)
+        systems = models(n)
         for name, system, order, method, engine in asked(n):
-            model, state = known[system]
-            g = np.eye(n) if name == ORIENTED else None
-            where, ns = nanoseconds(model, state, method, order, engine, g)
-            found.setdefault(name, {})[str(n)] = round(ns, 1)
-            engines.setdefault(name, {})[str(n)] = where
-            print(f"n = {n:<5}{name:<36}{where:<6}{ns:14,.0f} ns", flush=True)
-    exponents = {str(first): fitted(found, first) for first in FROM}
+            model, state = systems[system]
+            state = {**state, "g": np.eye(n)} if name == ORIENTED else state
+            ns = nanoseconds(call_of(model, state, method, order, engine))
+            measured.setdefault(name, {})[str(n)] = round(ns, 1)
+            print(f"n = {n:<5}{name:<36}{ns:14,.0f} ns", flush=True)
+    exponents = {str(first): fitted(measured, first) for first in FROM}
     for first, row in exponents.items():
         print(f"exponents from n = {first} on: {row}")
     ulps = accuracy(options.steps) if options.steps else {}
     result = {
         "machine": machine(),
         "load_average_before": load,
-        "ns": found,
-        "engines": engines,
+        "ns": measured,
         "exponents": exponents,
         "accuracy": {"steps": options.steps, "n": 10, "ulps": ulps},
     }

@@ -97,7 +97,7 @@ class JaxProjection(InDoubles):
     def __init__(self, scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]):
         self._family, self._correct = _projection(scheme, constants, lanes)
         self._z, self._constants = z, constants
-        self._begin(z, EVERY)
+        self._begin({name: value.shape[1] for name, value in self._values(z).items()}, EVERY)
         if self.labels:
             with double():
                 jax.eval_shape(self._correct, z, constants, self.targets, self.worst)  # fails without a derivative

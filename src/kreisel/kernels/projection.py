@@ -69,13 +69,19 @@ class InDoubles(Corrections):
         """The projected rows, and of each invariant (lanes, invariants) the farthest that it was off, and the lead."""
         raise NotImplementedError
 
-    def _begin(self, z: Floats, every: int) -> None:
-        """Take the values at the start from the rows z."""
-        result = self._values(z)
-        labels = tuple(f"{k}[{i}]" if v.shape[1] > 1 else k for k, v in result.items() for i in range(v.shape[1]))
-        super().__init__(labels, every, len(z))
-        if not labels:
+    _start: Floats | None = None
+
+    def _begin(self, counts: Mapping[str, int], every: int) -> None:
+        """Note the rows at the start, with so many members of each family of invariants."""
+        labels = tuple(f"{name}[{i}]" if count > 1 else name for name, count in counts.items() for i in range(count))
+        super().__init__(labels, every, len(self._z))
+        self._start = self._z.copy() if labels else None
+
+    def _aim(self) -> None:
+        """Compute the values at the start: 17 evaluations, deferred to the first projection or checkpoint."""
+        if self._start is None:
             return
+        now, self._z[:], self._start = self._z.copy(), self._start, None
 
         def at(state: Floats) -> Floats:
             return np.concatenate(list(self._values(state).values()), -1)
@@ -83,7 +89,8 @@ class InDoubles(Corrections):
         def largest(size: Floats, values: Floats) -> Floats:
             return np.fmax(size, np.where(np.isfinite(values), abs(values), 0))
 
-        values = np.concatenate(list(result.values()), -1)
+        z = self._state()
+        values = at(z)
         rms, size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1]), largest(0 * values, values)
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1]))
         for sign in signs:
@@ -92,15 +99,29 @@ class InDoubles(Corrections):
             close = 8 * EPS * rms * sign
             size = largest(size, (at(z + close) + at(z - close) - 2 * values) / EPS)
         self.targets[..., 0], self.targets[..., 2] = values, size
+        self._z[:] = now
+
+    def _state(self) -> Floats:
+        """The rows without an orientation."""
+        return self._z
 
     def apply(self) -> None:
         """Project the state, in place; rows that cannot be projected are unchanged."""
+        self._aim()
         new, self.worst, self.targets[..., 3] = self._corrected(self._z)
         self._z[:] = np.where(np.isfinite(new).all(-1, keepdims=True), new, self._z)
 
     def peek(self, z: Floats) -> Floats:
         # Where nothing was projected yet a short run need not wait for it: `kr.drift` sees what changed.
         return self._corrected(z)[1] if self.worst.any() else np.full_like(self.worst, np.nan)
+
+    def snapshot(self) -> dict[str, Floats]:
+        self._aim()
+        return super().snapshot()
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self._start = None
+        super().restore(snapshot)
 
 
 class Observed:
@@ -186,11 +207,23 @@ class ArrayProjection(InDoubles):
         if not observed.members:
             super().__init__((), 1, len(self._z))
             return
-        (first, state), d = self._recorded(self._z[0], 0), observed.size
-        gradient(first, state)  # operations without an adjoint fail here
-        k = first.shape[0]
-        work *= min(1.0, VECTORS * d / observed.scheme.n**2)
-        self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), work))
+        scheme, d = observed.scheme, observed.size
+        k = sum(map(len, observed.members.values()))
+        key = None if scheme.kernel_key is None else (ArrayProjection, scheme.kernel_key)
+        work *= min(1.0, VECTORS * d / scheme.n**2)
+        self._begin(
+            {name: len(kept) for name, kept in observed.members.items()},
+            interval(STEPS * (reused(key, self._cost) + k * k * d + k**3 / 3), work),
+        )
+
+    def _cost(self) -> float:
+        """Of the invariants and their gradients; operations without an adjoint fail here."""
+        first, state = self._recorded(self._z[0], 0)
+        gradient(first, state)
+        return cost(first)
+
+    def _state(self) -> Floats:
+        return self._z[:, : self._observed.size]
 
     def _recorded(self, row: Floats, lane: int) -> tuple[Traced, Traced]:
         """The invariants (k,) at z[lane] with the first scalars of `row`, and these scalars, traced."""
