@@ -1,6 +1,6 @@
 """Time of a step against n, single trajectories without saving, with fitted exponents.
 
-Calls of `p.steps`, and of `kr.simulate` where the engine is prescribed: the time of many steps less that of one step.
+Calls of `p.steps`, and of `kr.simulate` where the engine is prescribed: the time of many steps less the time of one.
 
 The engine that a run chooses ("chosen": structured code of O(n) or O(n^2) a step from n = 9 on where the step has
 that form, else straight-line code up to n = 10 and the definition on arrays beyond), and the other ones for

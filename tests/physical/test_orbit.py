@@ -95,7 +95,10 @@ BAD: dict[str, tuple[Callable[[], object], str]] = {
     "name of a set": (lambda: Orbit.from_tle("ISS (ZARYA)", FIRST), "line1: expected line 1 of a two-line"),
     "lines swapped": (lambda: Orbit.from_tle(SECOND, FIRST), "line1: expected line 1 of a two-line"),
     "a digit": (lambda: Orbit.from_tle(FIRST, SECOND.replace("51.6439", "51.6440")), "line2: expected the checksum 4"),
-    "after its end": (lambda: Orbit.from_tle(FIRST, SECOND, span=3600.0).at(3601.0), "expected times of the path, 0 to 3600 s"),
+    "after its end": (
+        lambda: Orbit.from_tle(FIRST, SECOND, span=3600.0).at(3601.0),
+        "expected times of the path, 0 to 3600 s",
+    ),
     "decayed": (lambda: Orbit.from_tle(FIRST, SECOND, span="20000 day", every="100 day"), "error 6 after"),
     "positions in km": (lambda: Orbit.from_table(range(6), np.full((6, 3), 5e3)), "Usual cause: km for m"),
     "few positions": (lambda: Orbit.from_table(range(5), np.full((5, 3), 5e6)), "six or more times"),

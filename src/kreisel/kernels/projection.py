@@ -72,7 +72,7 @@ class InDoubles(Corrections):
     _start: Floats | None = None
 
     def _begin(self, counts: Mapping[str, int], every: int) -> None:
-        """Note the rows at the start, with so many members of each family of invariants."""
+        """Keep the rows at the start; `counts` has the number of members of each family of invariants."""
         labels = tuple(f"{name}[{i}]" if count > 1 else name for name, count in counts.items() for i in range(count))
         super().__init__(labels, every, len(self._z))
         self._start = self._z.copy() if labels else None
