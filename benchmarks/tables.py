@@ -175,6 +175,16 @@ def code() -> str:
     return _table(["method, order", "kernel, ns", "gcc, ns", "clang, ns", "JavaScript, ns", "lines of C"], rows)
 
 
+def pose() -> str:
+    """Errors of the pose of bodies in a fluid."""
+    figures = _result("pose")["figures"]
+    rows = []
+    for name, row in figures.items():
+        *body, dt = name.replace("dt = ", "").split(", ")
+        rows.append([f"`{'`, `'.join(body)}`", dt, *(f"{error:.1e}" for error in row.values())])
+    return _table(["body", "dt", *next(iter(figures.values()))], rows)
+
+
 def code_single() -> str:
     """Files in floats of 32 bits, after many frames."""
     found = _result("code-single")
@@ -200,6 +210,7 @@ TABLES = (
     calls,
     code,
     code_single,
+    pose,
     satellite_day,
 )
 
