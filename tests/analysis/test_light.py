@@ -200,6 +200,13 @@ def test_bad_input():
             call()
 
 
+def test_distances_in_au_for_light_time():
+    body = FreeBody((1, 2, 2.5))
+    run = kr.at(body, body.state((0, 0, 1)), [0.0, 1.0])
+    with pytest.warns(InputWarning, match="got 0.9 m, inside the body. Usual cause: au for m"):
+        light_curve(run, AXES, sun=(1, 0, 0), observer=(0.9, 0, 0), light_time=True)
+
+
 def test_degrees_for_radians():
     with pytest.warns(InputWarning, match="phase: expected D below pi, got 10 rad"):
         brightness(AXES, phase=(0.5, 10.0, -0.01))

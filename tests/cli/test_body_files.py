@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tomllib
 from pathlib import Path
@@ -60,6 +61,16 @@ def test_every_body_has_a_file_that_plans() -> None:
         settings = {"dt": asked.run.dt, "steps": asked.run.steps, "every": asked.run.every, "order": asked.run.order}
         plan = make_plan(asked.model, asked.state, **settings, orientation=asked.orientation)
         assert 500 < plan.rows < 3001 and (asked.orientation is not None or "q1" in asked.state)
+
+
+@pytest.mark.parametrize("start", ["1.5", '"1.5 s"', '"1500 ms"'])
+def test_a_start_is_in_seconds(start: str) -> None:
+    """The unit of time of a gyroscope is not 1 s: plain values were multiples of it."""
+    text = text_of_body("gyroscope", Path("x.toml"))
+    run = re.sub(r"\[run\](.|\n)*\[output\]", f'[run]\ndt = "1 ms"\nt_start = {start}\nt_end = "2 s"\n[output]', text)
+    asked = parse(tomllib.loads(run))
+    assert (asked.run.t_start * asked.body.time_unit, asked.run.steps) == (pytest.approx(1.5, rel=1e-15), 500)
+    assert any("t_start must have the dimension of s" in m for m in mistakes(run.replace(start, '"1 kg"', 1)))
 
 
 def test_the_states_are_those_that_their_comments_say() -> None:

@@ -363,6 +363,13 @@ def test_lanes_around_the_sun_and_the_earth() -> None:
     assert np.allclose(run.sun.values[0], [[-1, 0, 0], [1, 0, 0]]) and (run.light == 1).all()
 
 
+def test_a_date_of_another_planet_has_no_sun() -> None:
+    mars = Orbit.circular("400 km", primary=Primary("Mars", 4.282837e13, 3_396_200.0), epoch="2026-01-01")
+    with pytest.warns(kr.InputWarning, match="sun: expected a direction in space for light on an orbit of Mars"):
+        Satellite.cubesat(mars, light=SOLAR_PRESSURE)
+    Satellite.cubesat(mars, light=SOLAR_PRESSURE, sun=(0, 1, 0), eclipse=True)
+
+
 def test_the_shadow_beyond_its_tip_is_doubted() -> None:
     """At the second point of Lagrange the Earth hides 0.84 of the Sun's disc: an annular eclipse."""
     far = Orbit(1.5e9, epoch=DATE)

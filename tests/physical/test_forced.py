@@ -238,6 +238,8 @@ def test_a_table_that_ends_too_soon_is_told_in_seconds() -> None:
     with pytest.raises(kr.InputError, match=r"motor: .* 0 to 4, got one from 0 to 3\.") as caught:
         kr.simulate(body, body.state(SPIN), dt="5 ms", t_end="4 s")
     assert "multiples" not in str(caught.value)
+    with pytest.raises(kr.InputError, match=r"t_start: .* multiples of 1\.749"):
+        kr.simulate(body, body.state(SPIN), dt="5 ms", t_start="1 s", times=[2.0])
 
 
 def test_parameters_with_names_of_quantities_are_refused() -> None:

@@ -139,6 +139,15 @@ def test_a_name_that_is_not_an_argument(tmp_path: Path) -> None:
         kr.sweep(body, {"spin": (0, 0, 1)}, over={"angular_velocity[0]": [0, 1]}, dt=0.1, steps=1, path=tmp_path / "s")
 
 
+def test_over_accepts_the_names_of_a_design(tmp_path: Path) -> None:
+    body, settings = kr.physical.FreeBody(inertia=(3, 2, 1.5)), {"dt": 0.1, "steps": 4, "workers": 0}
+    runs = [
+        kr.sweep(body, {"spin": (0, 0, 1)}, over={name: [0, 1]}, path=tmp_path / f"{i}.zarr", **settings)
+        for i, name in enumerate(("spin[0]", "state.spin[0]"))
+    ]
+    assert runs[0].momentum_max.equals(runs[1].momentum_max)
+
+
 def test_a_sweep_over_dates(tmp_path: Path) -> None:
     """300 days, whose fields differ: labels are the dates, lanes are single runs."""
     from kreisel.physical import Orbit, Satellite

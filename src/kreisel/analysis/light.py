@@ -97,6 +97,12 @@ def light_curve(
     }
     out = xr.Dataset(data, coords, {"title": run.attrs.get("title", "")})
     if light_time:
+        near = float(np.linalg.norm(ways[1], axis=-1).min())
+        if in_m and near < np.max(shape):
+            doubt(
+                f"observer: expected distances in m for light_time, got {near:g} m, inside the body. Usual cause: "
+                "au for m. Give (values, 'au')."
+            )
         arrival = (times + (np.linalg.norm(ways[1], axis=-1) / SPEED_OF_LIGHT + 0 * angle).T).T
         out = out.assign_coords(arrival=(dims[: angle.ndim], arrival, {"long_name": "time of arrival", "units": "s"}))
     return out

@@ -274,10 +274,10 @@ def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Setti
     if model is None or model.body_frame:  # durations in the unit of the model; without one, to check them
         usual, requested = model or FreeBody((1.0, 1.0, 1.0)).in_si(), dict(asked)
         step, before = 1.0, len(faults.messages)
-        for key in [k for k in ("dt", "t_end", "times", "every", "impulses") if k in asked]:
+        for key in [k for k in ("dt", "t_start", "t_end", "times", "every", "impulses") if k in asked]:
             unit = 1.0 if key == "dt" else asked["dt"]
-            harmless = {"dt": unit, "t_end": 1e6 * unit, "times": (unit,), "every": 1, "impulses": ()}[key]
-            asked[key] = harmless  # after a mistake, so that the others can be checked
+            harmless = {"dt": unit, "t_start": 0.0, "t_end": 1e6 * unit, "times": (unit,), "every": 1, "impulses": ()}
+            asked[key] = harmless[key]  # after a mistake, so that the others can be checked
             with faults.noted("[run]"):
                 asked[key] = scaled_settings(usual, {"dt": step, key: requested[key]})[key]
                 step = requested["dt"] if key == "dt" else step

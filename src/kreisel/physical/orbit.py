@@ -195,7 +195,8 @@ class Orbit:
         if not energy < 0 or not h.any():
             raise InputError(
                 f"r, v: expected a state on an ellipse, v^2 < 2 mu/r, got |r| = {size:g} m, |v| = "
-                f"{np.linalg.norm(v):g} m/s. Usual cause: km for m, or a velocity along the position."
+                f"{np.linalg.norm(v):g} m/s. Usual cause: km for m, or a velocity along the position. A flyby is "
+                "Orbit.from_table(times, positions, velocities)."
             )
         if J2:  # from the osculating to the mean energy: with the osculating one, 1000 km off after a day
             cls.from_state(r, v, primary)  # raises for an orbit through the primary, which has no mean ellipse

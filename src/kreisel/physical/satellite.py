@@ -514,6 +514,12 @@ def surroundings_of(body: Satellite) -> dict[str, Any]:
         out |= motion_of_sun(orbit.days)
     elif sun is not None:
         out["sun"] = direction(sun, "sun")
+    elif orbit.epoch is not None and np.any(body.light) and "heliocentric" not in out:
+        doubt(
+            f"sun: expected a direction in space for light on an orbit of {orbit.primary.name}, got none, and an epoch "
+            "that determines it only for the Earth. The Sun is on the first axis of space, and nothing shades its "
+            "light. Give sun=(x, y, z), and eclipse=True."
+        )
     return out | ({"density": body.density} if body.air is None else _air(body))
 
 

@@ -298,7 +298,7 @@ def scaled(system: Any, x0: Any, orientation: Any, asked: Mapping[str, Any], eve
     return model, start, first, settings, scaled_events(frame, events)
 
 
-TIMES = re.compile(r"\b(dt|time|t_end) (= )?\d|\b(dt|t_end|t_start) must be a|\btimes: ")
+TIMES = re.compile(r"\b(dt|time|t_end) (= )?\d|\b(dt|t_end|t_start) must be a|\b(times|t_start): ")
 
 
 @contextmanager

@@ -107,7 +107,8 @@ def sweep(
     system, x0   common start of all lanes; arguments dt to impulses as for `kr.simulate`, every=1 if there is a dt
     design       the varied quantities, a `kr.Design`
     over         of a body of `kr.physical`: values by name, {"mass": ["1 kg", "2 kg"], "spin": [...]}, whose grid is
-                 computed: values of the body, arguments of `body.state`, variables of a run such as "momentum[0]"
+                 computed: values of the body, arguments of `body.state`, variables of a run such as "momentum[0]";
+                 or names of a design
     path         the Zarr store; the same call resumes an interrupted sweep
     save         any of "drift", "extremes", "frequencies" and "trajectories"
     block        lanes in a block; by default from the memory, the steps and the lanes
@@ -145,7 +146,13 @@ def _design(body: Body | None, over: Any, design: Any) -> Design:
         )
     sections = {name: "state" for name in (*inspect.signature(body.state).parameters, *body.words.values())}
     sections |= dict.fromkeys(("dt", "steps", "t_end", "method", "order"), "run")
-    return Design(grid={f"{sections.get(k.partition('[')[0], 'body')}.{k}": v for k, v in over.items()})
+
+    def full(name: str) -> str:
+        if name.startswith(("body.", "state.", "run.", "system.")):  # as in a Design
+            return name
+        return f"{sections.get(name.partition('[')[0], 'body')}.{name}"
+
+    return Design(grid={full(name): values for name, values in over.items()})
 
 
 def _of_system(
