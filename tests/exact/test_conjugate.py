@@ -588,6 +588,23 @@ def test_orders_without_solving(name: str, order: int) -> None:
     assert abs(after - before).max() < 1e-13 * max(1, abs(before).max())
 
 
+def test_a_share_of_zero_is_not_exchanged_for_rounding() -> None:
+    """The flow of this body is a sum over the branches at one height, so other shares are 0 up to rounding.
+
+    With rounding as the pivot of an exchange, 5 of 500 states had another flow, off by 0.03 to 0.9 of the change.
+    """
+    draw, dt, b = np.random.default_rng(11), 0.005, np.array([-1.5, 0.04, 0.9, -0.23])
+    X, F, B = draw.normal(size=(500, 4, 4)), draw.normal(size=(500, 4, 4)), np.diag(b)
+    M, F = (X - X.mT) / np.sqrt(2), (F + F.mT) / 2
+    first, turned = F @ B - B @ F, F @ M - M @ F  # M' = [F, B],  F' = [F, M]
+    second = turned @ B - B @ turned, turned @ M - M @ turned + F @ first - first @ F
+    changes = first + dt / 2 * second[0], turned + dt / 2 * second[1]
+    end = kr.propagator(kr.QuadraticField(b=b), method="baecklund", order=2, dt=dt).steps({"M": M, "F": F}, 1)
+    for new, old, change in zip((end["M"], end["F"]), (M, F), changes, strict=True):
+        defect = abs((new - old) / dt - change).max((1, 2)) / abs(change).max((1, 2))
+        assert defect.max() < 5e-3
+
+
 def test_orders_that_need_another_branch_are_caught() -> None:
     """The order needs the pairs at all zeros: with one missing, it is 0; a branch of another height is no step."""
     model, state = case("clebsch", 1)

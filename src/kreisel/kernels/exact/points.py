@@ -30,6 +30,7 @@ largest: Callable[..., Any] = conjugate.largest
 levels: Callable[..., Any] = conjugate.levels
 RANK = 1e-10  # relative: fields that depend on others
 SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
+PIVOT = 1e-6  # of a point that is replaced; rounding of a share of 0 is smaller, and was taken for a pivot
 CHANGES = 100  # of points, for each pair: the most
 CLOSE = 1e-9  # a change of x, relative to the distance of a branch point, whose square is rounding
 WIDTH = 4  # of vectors of heights, and of nodes
@@ -438,7 +439,7 @@ class _Choosing(Writing):
                         with f.loop(0, d) as i:
                             slope = self.times(sign[0], self.table[i * width + column[0] + (1 + d)])
                             x = self.over(self.table[i * width], slope)
-                            toward = is_less(self.value(0.0), self.times(slope, self.signs[i]))
+                            toward = is_less(self.value(PIVOT), self.times(slope, self.signs[i]))
                             with f.where(f.builder.and_(toward, is_less(x, reach[0]))):
                                 reach[0], row[0] = x, i
                     with f.where(row[0].compared("<", 0)):
