@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -642,6 +644,43 @@ def test_causes_without_an_effect_are_doubted(cause: dict[str, Any]) -> None:
     model = BODIES["satellite"](moments=(0.03, 0.04, 0.05), semi_major_axis=7e6, **cause)
     with pytest.warns(kr.InputWarning, match=f"{next(iter(cause))}: expected (field|plates) too"):
         kr.simulate(model, model.state(M=(0, 0, 3e-5)), dt=30, steps=2, orientation=(1, 0, 0, 0), progress=False)
+
+
+ODD = {"inclination": 97.5, "field": 7.6e15, "density": 1e-12}
+ATTACHED: dict[str, Callable[[Any], Any]] = {
+    "damping": lambda body: kr.perturbed(body, damping=0.01),
+    "torque": lambda body: kr.perturbed(body, torque=lambda M: -0.01 * M),
+    "twice": lambda body: kr.perturbed(kr.perturbed(body, damping=0.01), torque=lambda M: -0.01 * M),
+}
+
+
+@pytest.mark.parametrize("attached", ATTACHED)
+def test_forces_drop_no_doubts_about_parameters(attached: str) -> None:
+    """Only damping cannot read the density, which a function may."""
+    model = ATTACHED[attached](BODIES["satellite"](moments=(1, 1.5, 2), semi_major_axis=7e6, **ODD))
+    with pytest.warns(kr.InputWarning) as seen:
+        kr.simulate(model, model.state(M=(0, 0, 3e-5)), dt=30, steps=2, orientation=(1, 0, 0, 0), progress=False)
+    words = " ".join(str(w.message) for w in seen)
+    assert "inclination = 97.5 rad" in words and "points south" in words
+    assert ("density: expected plates too" in words) == (attached == "damping")
+
+
+@pytest.mark.parametrize("sensor", ["density", "rates"])
+def test_air_that_a_law_reads_has_an_effect(sensor: str) -> None:
+    law = {"density": lambda density: {"torque": (0, 0, 1e3 * density)}, "rates": lambda rates: {"torque": -rates}}
+    sat = Satellite(TENSOR, LOW, density=1e-12, control=kr.Control(law[sensor], every=1.0))
+    with nullcontext() if sensor == "density" else pytest.warns(kr.InputWarning, match="density: expected plates too"):
+        kr.simulate(sat, sat.state((0.01, 0, 0)), dt=1.0, steps=2, progress=False)
+
+
+@pytest.mark.parametrize("forces", [{"damping": 0.1}, {"potential": lambda P: 0.01 * P[0] ** 2}])
+def test_forces_leave_the_doubt_about_impossible_moments(forces: dict[str, Any]) -> None:
+    top = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=3.0), **forces)
+    state = top.state(M=(0.1, 0.2, 1), P=(0.6, 0, 0.8))
+    with pytest.warns(kr.AccuracyWarning, match="alpha = 3: a body has 0 < alpha"):
+        kr.simulate(top, state, dt=0.01, steps=3, progress=False)
+    real = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=3.0), inertia=(1, 1.2, 1.5), **forces)
+    kr.simulate(real, state, dt=0.01, steps=3, progress=False)  # warnings are errors here
 
 
 def test_toutatis_has_its_published_periods() -> None:

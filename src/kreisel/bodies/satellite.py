@@ -146,7 +146,7 @@ def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee
 
 
 def doubts(**constants):
-    """Sentences on angles, orbits in the air, the sign of the Earth's field, and causes without an effect."""
+    """Sentences on angles, orbits in the air, the sign of the Earth's field, and a dipole without a field."""
     for name in ("inclination", "node", "perigee", "mean_anomaly"):
         yield from doubtful_angle(constants[name], name)
     yield from doubtful_orbit(constants["semi_major_axis"] * (1 - constants["eccentricity"]), constants["radius"])
@@ -158,6 +158,10 @@ def doubts(**constants):
         )
     if np.any(constants["dipole"]) and not np.any(field) and not np.any(constants["gauss"]):
         yield "dipole: expected field too, the primary's, -7.59e15 T m^3 for the Earth, got 0: nothing rotates it."
+
+
+def idle(**constants):
+    """Sentences on air and light without plates."""
     for name, subject in (("density", "density"), ("pressure", "light and its pressure")):
         if np.any(constants[name]) and not np.any(constants["plates"][..., 6]):
             yield f"{subject}: expected plates too, on which it acts, got none: the satellite does not feel it."
@@ -189,6 +193,7 @@ PARAMETERS = (
     Parameter("diffuse", "scalar", "part of the light that plates scatter", check_part, 0.0),
     *ENVIRONMENT,
 )
+LETTERS = [p.letter for p in PARAMETERS]
 OF_POTENTIAL = ("J", "orbit", "path", "mu", "field", "dipole", "degree_3", "degree_4")
 LOADS = ("orbit", "path", "torque", "dipole", "plates", "drag", "pressure", "mirror", "diffuse", *NAMES)
 DERIVED = {"J": 1, "c": 2, "orbit": 1}  # axes
@@ -220,7 +225,7 @@ BODIES = (
         integrals={},
         derive=derive,
         body_frame=body_frame,
-        checks=Checks(parameters=check_parameters, doubts=naming(doubts, tuple(p.letter for p in PARAMETERS))),
+        checks=Checks(check_parameters, doubts=naming(doubts, LETTERS), idle=naming(idle, LETTERS)),
         scaling="SI units.",
         n=3,
     ),

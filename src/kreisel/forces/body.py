@@ -380,7 +380,9 @@ def _system(model: Model, record: Perturbation, parameters: list[Parameter], nam
         raise InputError(f"name: expected a name that no system of Kreisel has, got {shown(name)}.")
     stated: dict[str, Any] = {}
     if base.perturbation is not None:
-        stated = {field: getattr(base, field) for field in STATED} | {"checks": replace(base.checks, doubts=None)}
+        before, after = ({k: f.function for k, f in forces.functions.items()} for forces in (base.perturbation, record))
+        checks = base.checks if before == after else replace(base.checks, idle=None)  # may read the air and the light
+        stated = {field: getattr(base, field) for field in STATED} | {"checks": checks}
     return perturbed_record(
         record,
         {**model.axes, **{p.letter: axes_of(p, np.asarray(p.default)) for p in parameters}},

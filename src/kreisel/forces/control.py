@@ -313,12 +313,14 @@ def _record(model: Model, law: Portable, control: Controller, parameters: Sequen
     )
     every = f"controlled every {control.every * control.time:g} s"
     kind, how = ("controlled", every) if law.function else ("with wheels", "wheels, whose motors have steady torques")
-    kept = ("source", "scaling", "derive", "body_frame", "checks", "n")
+    kept = ("source", "scaling", "derive", "body_frame", "n")
+    reads = {"light", "density"} & {*control.arguments}
     axes = {**model.axes, **{p.letter: np.ndim(p.default) if p.axes is None else p.axes for p in parameters}}
     record = perturbed_record(
         replace(system.perturbation or Perturbation(system), control=replace(control, law=law.function)),
         axes,
         **{name: getattr(system, name) for name in kept},
+        checks=replace(system.checks, idle=None) if reads else system.checks,
         name=f"controlled-{system.name}" if law.function else f"{system.name}{WITH_WHEELS}",
         title=f"{system.title}, {kind}",
         equations=f"{system.equations}; {how}",

@@ -84,6 +84,12 @@ def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) 
         c = np.ascontiguousarray(np.broadcast_to(params, (len(z), params.shape[-1])))
         return cast("list[Any]", _kernels().Rooms(model, z, c, dt, fractions(dt, order), 1).links(stages))
 
+    def inner_angle(x0: State) -> float:
+        """Twice x over the distance of a branch point: its Padé approximant there has the error of an order."""
+        _, z, c = _rows(model, x0[:count], params)
+        rooms = Tori(model, z, c, dt, 2, False).rooms
+        return float(2 * np.max(abs(rooms["slope"] * dt) / (rooms["radius"] + rooms["none"])))
+
     def step(*z: Array, lam_re: Array, lam_im: Array, mu_re: Array, mu_im: Array, **constants: Array) -> State:
         point = {"lam": algebra.complex_number(lam_re, lam_im), "mu": algebra.complex_number(mu_re, mu_im)}
         state, turns = call(record.pair, z[:count], {**constants, **point})
@@ -102,6 +108,7 @@ def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) 
         axes={**model.axes, **dict.fromkeys(NUMBERS, 0), "turn0": 2, "turn1": 2},
         trajectory=trajectory,
         links=None if oriented else links,
+        inner_angle=inner_angle,
         between=record.between,
         **options,
     )

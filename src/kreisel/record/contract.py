@@ -468,11 +468,13 @@ class Checks:
     parameters(params)   raises `InputError` for contradictory parameters
     state                letter -> check(component, letter), which raises `InputError` for a component without a meaning
     doubts(params)       sentences on parameters that are possible but seldom meant, for `InputWarning`
+    idle(params)         sentences on parameters that have no effect, unless user-defined functions read them
     """
 
     parameters: Function | None = None
     state: Mapping[str, Function] = field(default_factory=dict)
     doubts: Function | None = None
+    idle: Function | None = None
 
 
 def _velocity(

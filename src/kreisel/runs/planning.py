@@ -286,8 +286,10 @@ def warn_of(plan: Plan) -> None:
                 f"Use a dt of {said(GOOD * plan.dt / turn, '.1g')} or so."
             )
     sentences += _long_kick(plan)
+    sentences += _fast_flows(plan)
     alpha = plan.model.params.get("alpha") if plan.model.n == 3 else None
-    if alpha is not None and plan.model.system.perturbation is None and not ((alpha > 0) & (alpha <= 2)).all():
+    record = plan.model.system.perturbation
+    if alpha is not None and not (record and record.inertia) and not ((alpha > 0) & (alpha <= 2)).all():
         sentences.append(
             f"alpha = {float(np.max(alpha) if np.min(alpha) > 0 else np.min(alpha)):g}: a body has 0 < alpha = "
             "I_axial/I_transverse <= 2, since no moment is more than the sum of the other two. The equations are "
@@ -295,8 +297,9 @@ def warn_of(plan: Plan) -> None:
         )
     for sentence in sentences:
         doubt(sentence, AccuracyWarning)
-    if plan.model.system.checks.doubts is not None:
-        for sentence in call(plan.model.system.checks.doubts, (), plan.model.params):
+    checks = plan.model.system.checks
+    for function in (checks.doubts, checks.idle):
+        for sentence in call(function, (), plan.model.params) if function is not None else ():
             doubt(sentence)
 
 
@@ -366,6 +369,39 @@ def _long_kick(plan: Plan) -> Iterator[str]:
                 f"Use a dt of {said(h, '.2g')} or so, or order='auto' with tol=..., which chooses it."
             )
             return
+
+
+HIDDEN = 10.0  # rad for one of the motion, by which a user who looks at it cannot judge dt
+FASTER = 3e4  # from which `exact` has errors of 1e-11 to 1e-7 a radian, n = 4
+
+
+def _fast_flows(plan: Plan) -> Iterator[str]:
+    """Steps by flows that are far faster than the motion: too long for an order, or too many for `exact`."""
+    if plan.scheme.inner_angle is None or plan.first.size > MOST_NUMBERS:
+        return
+    name, said = plan.model.system.name, plan.model.body_frame.time_text
+    inner = plan.scheme.inner_angle(tuple(plan.start[letter] for letter in plan.model.system.space.letters))
+    turn, order = plan.dt * rate(plan), plan.scheme.options.get("order")
+    cause = "Usual cause: moments, or components of the state, of very different sizes. "
+    if order is None:
+        if inner > FASTER * turn > 0:
+            yield (
+                f"method='exact' combines flows that rotate by {inner / turn:.2g} rad for each of this motion of "
+                f"{name}: their rounding errors may reach 1e-8 a radian. {cause}Compare with method='dop853'."
+            )
+    elif turn <= math.pi and inner > min(math.pi, HIDDEN * turn) and _pade_error(order, inner) > APART:
+        yield (
+            f"dt = {said(plan.dt)} is {turn:.2g} rad of this motion in a step, but {inner:.3g} rad of the flows of "
+            f"{name} that method='baecklund' combines for it: the rows are states of another motion with the same "
+            f"integrals. {cause}Use a dt of {said(plan.dt / inner, '.1g')} or so, or method='exact'."
+        )
+
+
+def _pade_error(order: int, angle: float) -> float:
+    """The error of the diagonal Padé approximant of e^(i angle) of an even order, to the first term."""
+    k = order // 2
+    factorials = 2 * math.lgamma(k + 1) - math.lgamma(order + 1) - math.lgamma(order + 2)
+    return math.exp(min(0.0, factorials + (order + 1) * math.log(angle)))
 
 
 def cause_of_no_numbers(plan: Plan, step: int) -> str:
