@@ -468,3 +468,5 @@ def test_sweeps_and_resumed_runs_beyond_igrf_warn(tmp_path: Path) -> None:
     kr.simulate(body, body.state(), path=tmp_path / "r.zarr", steps=1, **asked)
     with pytest.warns(kr.InputWarning, match="holds until 2030-01-01, 1 days after the epoch, and the run takes 2"):
         kr.resume(tmp_path / "r.zarr", extend="2 day", system=body, progress=False)
+    with pytest.warns(kr.InputWarning, match="holds until 2030-01-01, 1 days after the epoch, and the run takes 3"):
+        kr.resume(tmp_path / "r.zarr", extend="3 day", progress=False)  # what `kreisel resume` calls

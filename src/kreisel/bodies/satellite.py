@@ -160,6 +160,16 @@ def doubts(**constants):
         yield "dipole: expected field too, the primary's, -7.59e15 T m^3 for the Earth, got 0: nothing rotates it."
 
 
+def lasting(*, gauss, epoch, seconds):
+    """A sentence on a run in the field of IGRF-14 beyond its last date."""
+    days, last = seconds / 86400, (np.datetime64(IGRF_UNTIL) - np.datetime64(epoch or "NaT")) / np.timedelta64(1, "D")
+    if np.any(gauss) and days > last:
+        yield (
+            f"IGRF-14 holds until {IGRF_UNTIL}, {last:.0f} days after the epoch, and the run takes {days:.0f} days: "
+            "from then on its last rates are continued."
+        )
+
+
 def idle(**constants):
     """Sentences on air and light without plates."""
     for name, subject in (("density", "density"), ("pressure", "light and its pressure")):
@@ -193,6 +203,7 @@ PARAMETERS = (
     Parameter("diffuse", "scalar", "part of the light that plates scatter", check_part, 0.0),
     *ENVIRONMENT,
 )
+IGRF_UNTIL = "2030-01-01"
 LETTERS = [p.letter for p in PARAMETERS]
 OF_POTENTIAL = ("J", "orbit", "path", "mu", "field", "dipole", "degree_3", "degree_4")
 LOADS = ("orbit", "path", "torque", "dipole", "plates", "drag", "pressure", "mirror", "diffuse", *NAMES)
@@ -225,7 +236,7 @@ BODIES = (
         integrals={},
         derive=derive,
         body_frame=body_frame,
-        checks=Checks(check_parameters, doubts=naming(doubts, LETTERS), idle=naming(idle, LETTERS)),
+        checks=Checks(check_parameters, doubts=naming(doubts, LETTERS), idle=naming(idle, LETTERS), lasting=lasting),
         scaling="SI units.",
         n=3,
     ),

@@ -176,15 +176,6 @@ class Satellite(Forced):
         require_of_body(run, self.orbit.elements)
         return environment_of(run)
 
-    def _doubts(self, seconds: float) -> list[str]:
-        until = igrf_until() - self.orbit.days if np.any(self._built.params["gauss"]) else np.inf
-        if seconds / DAY <= until:
-            return []
-        return [
-            f"IGRF-14 holds until 2030-01-01, {until:.0f} days after the epoch, and the run takes "
-            f"{seconds / DAY:.0f} days: from then on its last rates are continued."
-        ]
-
     def field(self, run: xr.Dataset) -> xr.DataArray:
         """The magnetic field at the satellite along a run, in space, T, (time, [lane,] axis)."""
         return self.environment(run)["field"]
@@ -410,11 +401,6 @@ def igrf(days: float, degree: int = DEGREE) -> Array:
     low, high = values[: degree * (degree + 2), at - 1 : at + 1].T
     rate = (high - low) / (epochs[at] - epochs[at - 1])
     return np.stack([low + (days - epochs[at - 1]) * rate, rate / DAY], -1)
-
-
-def igrf_until() -> float:
-    """The last day of IGRF-14, after 2000-01-01 12:00."""
-    return float(_igrf()[0][-1])
 
 
 def meridian(days: float) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra.random import GENERATOR, streams_from
 from kreisel.errors import InputError, explained
+from kreisel.record.calling import call
 from kreisel.record.model import Model, State
 from kreisel.record.units import Scales
 
@@ -56,7 +57,7 @@ class Body:
 
     def _doubts(self, seconds: float) -> Sequence[str]:
         """Sentences on models of the body that do not hold for so long."""
-        return ()
+        return doubts_of_end(self.model(), seconds)
 
     @staticmethod
     def _doubts_of(bodies: Sequence[Any], run: Any) -> Sequence[str]:
@@ -111,6 +112,12 @@ class Body:
         """The name of the body in the title of its runs."""
         first, *others = re.findall("[A-Z][a-z]*", type(self).__name__)
         return " ".join([first, *(word.lower() for word in others)])
+
+
+def doubts_of_end(model: Model, seconds: float) -> Sequence[str]:
+    """Sentences on models of a body that do not hold until the end of a run."""
+    lasting, end = model.system.checks.lasting, {"epoch": model.body_frame.epoch, "seconds": seconds}
+    return () if lasting is None else tuple(call(lasting, (), {**model.params, **end}))
 
 
 def started(model: Model, orientation: Any, /, **components: Any) -> State:

@@ -469,12 +469,14 @@ class Checks:
     state                letter -> check(component, letter), which raises `InputError` for a component without a meaning
     doubts(params)       sentences on parameters that are possible but seldom meant, for `InputWarning`
     idle(params)         sentences on parameters that have no effect, unless user-defined functions read them
+    lasting(params, epoch, seconds)  sentences on models that do not hold for so long after the epoch, ISO text or ""
     """
 
     parameters: Function | None = None
     state: Mapping[str, Function] = field(default_factory=dict)
     doubts: Function | None = None
     idle: Function | None = None
+    lasting: Function | None = None
 
 
 def _velocity(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from kreisel.errors import AccuracyWarning, InputError, Stopped, doubt, explained
 from kreisel.files import stands
 from kreisel.process import Progress, signals_wait
-from kreisel.record.body import Body, model_of
+from kreisel.record.body import Body, doubts_of_end, model_of
 from kreisel.runs.drift import watched
 from kreisel.runs.geometry import presented
 from kreisel.runs.in_si import scaled, scaled_events, steps_in, unit_of_times
@@ -175,10 +175,10 @@ def resume(
             if extend is not end:  # a time
                 extend -= round((record.t_start or 0.0) / record.dt)
         archive, integration = reopen(where, None if extend is None else within(extend, "extend"), model, events)
-        if isinstance(system, Body):
-            end = (record.t_start or 0.0) + integration.plan.steps * record.dt
-            for sentence in system._doubts(end * frame.time_unit):
-                doubt(sentence)
+        end = ((record.t_start or 0.0) + integration.plan.steps * record.dt) * frame.time_unit
+        held = integration.plan.model
+        for sentence in system._doubts(end) if isinstance(system, Body) else doubts_of_end(held, end):
+            doubt(sentence)
         return doubted(system, presented(watched(_write(archive, integration, progress)), integration.plan.model))
 
 
