@@ -14,6 +14,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import analysis, cli, physical
+from kreisel.runs.operations import executed
 
 TOP, BODY = kr.LagrangeTop(p=(0, 0, 1)), kr.Clebsch(b=(1, 2, 4))
 X0 = TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
@@ -59,7 +60,7 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, order=3), "one of its orders"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, method="rk4"), "expected one of"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, method=kr.methods()[0]), "expected a name"),
-    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, engine="gpu"), "Did you mean 'cpu'"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, engine="gpu"), "An NVIDIA GPU is 'cuda'"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, project="no"), "True or False"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, observe="energy"), "a list of names"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, observe=["enegry"]), "Did you mean 'energy'"),
@@ -455,3 +456,17 @@ def test_no_warning_of_what_makes_sense(recwarn: pytest.WarningsRecorder) -> Non
     chosen = kr.simulate(TOP, X0, dt=100.0, steps=10, order="auto", tol=1e-3)  # its step has been measured
     assert chosen.dt * 1.5 > np.pi
     assert not recwarn.list
+
+
+def test_results_of_measured_are_named() -> None:
+    wheel = kr.physical.Gyroscope.flat(mass=3, axial_moment=0.17, lever=0.15)
+    shown = kr.units.measured(kr.simulate(wheel, wheel.state(tilt=0.5, spin=20), dt=1e-3, steps=2), time="ms")
+    for call in (kr.cite, lambda it: kr.simulate(wheel, it.isel(time=-1), dt=1e-3, steps=2)):
+        with pytest.raises(kr.InputError, match=r"the run itself, got|got a result of units.measured"):
+            call(shown)
+
+
+def test_a_file_of_a_system_that_exits_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import sys\n\nsys.exit(3)\n", encoding="utf-8")
+    with pytest.raises(kr.InputError, match=r"mine.py, line 3: SystemExit: 3\. Call sys\.exit only below"):
+        executed(tmp_path / "mine.py")

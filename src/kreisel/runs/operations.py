@@ -324,10 +324,11 @@ def executed(file: Path) -> dict[str, Any]:
         return runpy.run_path(str(file))
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
-    except Exception as error:  # any exception of a user's code
+    except (Exception, SystemExit) as error:  # any exception of a user's code
         where = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(file)]
         line = f", line {where[-1].lineno}" if where else f", line {getattr(error, 'lineno', '?')}"
-        raise InputError(f"{file}{line}: {type(error).__name__}: {error}") from error
+        guard = ". Call sys.exit only below `if __name__ == '__main__':`." * isinstance(error, SystemExit)
+        raise InputError(f"{file}{line}: {type(error).__name__}: {error}{guard}") from error
 
 
 def own_systems(defined: dict[str, Any]) -> dict[str, System]:

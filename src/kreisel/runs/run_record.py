@@ -384,6 +384,8 @@ def cite(what: xr.Dataset | Model | System) -> str:
         references, version = what.source, kreisel.__version__
     else:
         attrs = getattr(what, "attrs", None)
+        if isinstance(attrs, Mapping) and "kreisel_measured" in attrs:
+            a_run(what, "source")
         if not isinstance(attrs, Mapping) or "kreisel_format" not in attrs:
             raise InputError(f"A run, or a system, was expected, got {type(what).__name__}. Say kr.cite(run).")
         missing = [name for name in ("references", "source", "method") if name not in as_made(attrs)]

@@ -14,7 +14,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.bodies import BODIES
-from kreisel.errors import InputError, doubt, explained, hint, require_one_of, shown
+from kreisel.errors import InputError, doubt, explained, hint, shown
 from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
 from kreisel.record.body import as_body
@@ -77,7 +77,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                 f"order='auto' needs steps to be a multiple of every, got steps = {steps}, every = {every}."
             )
         if wanted.get("engine") is not None:
-            require_one_of(ENGINES, wanted["engine"], "engine")
+            _require_engine(wanted["engine"])
         checked = {
             "observe": _observed_names(wanted.get("observe")),
             "project": bool(wanted["project"]),
@@ -236,6 +236,11 @@ def checked_state(model: Model, x0: Any, time: float = 0.0) -> State:
         )
     if hasattr(x0, "data_vars"):  # a row of a run, which has more variables than the state
         missing = [letter for letter in model.system.space.letters if letter not in x0]
+        if missing and "kreisel_measured" in getattr(x0, "attrs", {}):
+            raise InputError(
+                "x0: expected a row of the run itself, got a result of units.measured, a plain Dataset in other units. "
+                "Give x0=run.isel(time=-1)."
+            )
         if missing:
             begin = "body.state(spin=row.angular_velocity, attitude=row.attitude)"
             fix = f" To begin there with another controller or other wheels: {begin}."
@@ -248,6 +253,14 @@ def checked_state(model: Model, x0: Any, time: float = 0.0) -> State:
     if isinstance(x0, State):  # its 3 x 3 matrix belongs to one state, for any number of lanes in the parameters
         x0 = {letter: v if x0.axial[letter].ndim > 1 else x0.axial[letter] for letter, v in x0.items()}
     return model.checked({str(letter): value for letter, value in x0.items()})
+
+
+def _require_engine(name: Any) -> None:
+    if not isinstance(name, str) or name not in ENGINES:
+        raise InputError(
+            f"engine: expected one of {', '.join(ENGINES)}, got {shown(name)}. An NVIDIA GPU is 'cuda' (float64) or "
+            "'cuda-float32'; without one leave engine out, or say 'cpu'."
+        )
 
 
 def _warn_of_clock(model: Model, row: Any, begin: float) -> None:
