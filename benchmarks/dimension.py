@@ -2,10 +2,10 @@
 
 Calls of `p.steps`, and of `kr.simulate` where the engine is prescribed: the time of many steps less the time of one.
 
-The engine that a run chooses ("chosen": structured code of O(n) or O(n^2) a step from n = 9 on where the step has
-that form, else straight-line code up to n = 10 and the definition on arrays beyond), and the other ones for
-comparison.  Exponents are those of the least squares line through the logarithms, from n = 10 and from n = 100 on: at
-n = 1000 the rows of O(n) kernels no longer stay in the first cache.  Processor time of the thread, the least of
+The engine that a run chooses ("chosen": structured code of O(n) a step from n = 9 on, of O(n^2) from n = 11 on, where
+the step has that form, else straight-line code up to n = 10 and the definition on arrays beyond), and the other ones
+for comparison.  Exponents are those of the least squares line through the logarithms, from n = 10 and from n = 100 on:
+at n = 1000 the rows of O(n) kernels no longer stay in the first cache.  Processor time of the thread, the least of
 several.
 
 Accuracy: a million steps at n = 10 with the structured and with the dense kernel, worst of the energy and the Casimirs
@@ -27,7 +27,8 @@ import kreisel as kr
 SIZES = (3, 4, 6, 10, 30, 100, 300, 1000)
 FROM = (10, 100)  # of the fits
 LARGE = 100  # from here on orders of baecklund too
-DENSE = {"lagrange-top": (10, 100), "clebsch": (10, 100)}  # where the dense kernel is compared
+DENSE = {"lagrange-top": (10, 100), "clebsch": (100,)}  # where the dense kernel is compared
+STRAIGHT = {"clebsch": 10}  # up to which n a run chooses straight-line code; 8 for the others
 COMPARED = {
     "lagrange-top": (("suris", 1), ("baecklund", 4)),
     "lagrange-top-moving": (("suris", 1),),
@@ -86,7 +87,7 @@ def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
     rows: list[tuple[str, str, int, str, str | None]] = []
     for system in models(4):
         rows.append((system, system, 1, "suris", None))
-        if 3 < n < 10:
+        if 3 < n <= STRAIGHT.get(system, 8):
             rows.append((f"{system}, large", system, 1, "suris", "large"))
         if n in DENSE.get(system, ()):
             rows.append((f"{system}, dense", system, 1, "suris", "cpu"))

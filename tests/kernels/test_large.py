@@ -135,7 +135,7 @@ def test_inverse_that_does_not_follow_is_seen(monkeypatch: pytest.MonkeyPatch) -
 
 def test_dense_momentum_in_runs(tmp_path) -> None:
     """Chosen by itself; every integral kept, lanes are single runs, a resumed run has the same bits."""
-    model, state = problem("clebsch", 10, (2,))
+    model, state = problem("clebsch", 11, (2,))
     options = {"dt": DT, "every": 50, "method": "suris", "order": 1}
     both = kr.simulate(model, model.state(**state), steps=5000, **options)
     assert both.attrs["engine"] == "large"

@@ -175,7 +175,7 @@ def test_mutants_of_numbers_in_pairs(what: str, tau: float, monkeypatch: pytest.
 
 
 # Straight-line code, kernels of O(n), of O(n^2), the definition on arrays; those that take seconds.
-BEYOND = [("lagrange-top", 9), ("clebsch", 9), ("lagrange-top", 40), ("neumann", 12)]
+BEYOND = [("lagrange-top", 9), ("clebsch", 11), ("lagrange-top", 40), ("neumann", 12)]
 BEYOND += [
     *[("neumann", 10), ("lagrange-top-moving", 13), ("clebsch", 12)] * FULL,
     *[("euler-top", 12), ("ratiu-top", 12), ("quadratic-potential", 11)] * FULL,

@@ -375,6 +375,7 @@ MANY_SAMPLES_N = 16  # beyond, there are fewer
 MANY_LANES = 4096  # beyond, some lanes are measured: the largest over the lanes counts
 SOME_LANES, LARGEST = 512, 64  # evenly spread, and those of the largest values
 SAMPLES = 16  # perturbations of a state that measure the sensitivity of an integral
+ON_ARRAYS = (1024, 8, 64)  # states by lanes, fewest and most of a lane, if integrals are not compiled: some need 0.1 ms
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and small enough that only noise remains
 
 
@@ -404,6 +405,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array], time: Floats) -> dic
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
     starts, component = _components(tuple(plan.kinds), n)
     samples = samples if many else max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
+    samples = samples if plan.compiled else min(samples, max(2, _states_on_arrays(plan) // len(z)))
     by = (_nudges if z.size <= MANY_LANES else _nudges.__wrapped__)(samples, z.shape)
     by_component = np.maximum.reduceat(abs(z), starts, -1)[..., component]
     in_space = component < len(plan.model.system.space.kinds)  # work, clock and attitude have other sizes
@@ -464,12 +466,19 @@ def _spread(length: int, count: int) -> np.ndarray:
     return np.unique(np.linspace(0, length - 1, count).astype(int))
 
 
+def _states_on_arrays(plan: Plan) -> int:
+    """How many states of a lane are perturbed if integrals are not compiled."""
+    total, fewest, most = ON_ARRAYS
+    return max(fewest, min(most, total // plan.lanes))
+
+
 def _sampled_rows(plan: Plan, first: Mapping[str, Array], time: Floats) -> Floats:
     """Up to 32 rows of the first block, evenly spread, in the method's variables (rows, lanes, d).
 
     For more than 64 lanes, and for n > 16, fewer rows, down to one: some thousand values are enough.
     """
     count = min(32, max(1, 2048 // plan.lanes), max(1, 512 // plan.model.n))
+    count = count if plan.compiled else min(count, _states_on_arrays(plan) // 2)
     rows = _spread(len(next(iter(first.values()))), count)
     parts, as_observed = [], plan.scheme.reopen is tuple
     for letter, outcome in plan.outcomes.items():

@@ -14,6 +14,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.graph.machine import Chain
+from kreisel.graph.recording import STRAIGHT_LINE_N
 from kreisel.kernels.cpu import CpuEngine, point_links, points, row_function
 from kreisel.kernels.engines import Engine, Rows, corrections, engine_of
 from kreisel.kernels.layout import Floats
@@ -358,6 +359,8 @@ def _lanes(
         from kreisel.kernels.large.forms import LEAST_N, form_of
 
         large = form_of(plan)
+        if engine is None and large is not None and large.dense and plan.n <= STRAIGHT_LINE_N:
+            large = None  # n^2 entries of a momentum and its inverse: two to five times as long
         if large is None and engine is not None:
             raise InputError(
                 f"No kernel of O(n) or O(n^2) a step of method={shown(plan.name)} is known for this system, n = "

@@ -29,7 +29,7 @@ ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 WHOLE = 1e-12  # in steps: a time of n (1 + WHOLE) steps needs n
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
-LARGE = 9  # from here on the structured kernel, if there is one
+LARGE = 9  # from here on the structured kernel, if there is one of O(n)
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
 
 
