@@ -59,6 +59,8 @@ CASES = [
     ("steps = 100", "steps = 100\norder = 3", ["order=3"]),
     ("steps = 100", 'steps = 100\nmethod = "dop853"\norder = 4', ["expected one of its orders (8), got order=4"]),
     ("[system]", "[system", ["not valid TOML"]),
+    ("steps = 100", "steps = 100\nsteps = 100", ["not valid TOML", "The key is there twice; remove one."]),
+    ('name = "lagrange-top"', 'name = ""', ["[system] needs `name", "got ''"]),
     ("steps = 100", "steps = 99999999999999999999", ["steps must be an integer from 1 to"]),
     ("steps = 100", 'steps = "100"', ["steps must be an integer", "'100'"]),
     ("dt = 0.05", "dt = 1e308", ["out of reach"]),

@@ -60,6 +60,7 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, order=3), "one of its orders"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, method="rk4"), "expected one of"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, method=kr.methods()[0]), "expected a name"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, method=""), "method: expected a name"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, engine="gpu"), "An NVIDIA GPU is 'cuda'"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, project="no"), "True or False"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, observe="energy"), "a list of names"),

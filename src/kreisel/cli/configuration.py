@@ -124,7 +124,8 @@ def _load(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError:
         raise InputError(f"{path} is not text in UTF-8; a TOML file was expected.") from None
     except (ValueError, RecursionError) as error:  # neither TOML, nor integers of thousands of digits
-        raise InputError(f"{path} is not valid TOML: {error}") from None
+        twice = " The key is there twice; remove one." * ("overwrite a value" in str(error))
+        raise InputError(f"{path} is not valid TOML: {error}.{twice}") from None
 
 
 def read_sweep(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Path | System | None, Path]:
@@ -324,7 +325,7 @@ def _system(table: Mapping[str, Any], folder: Path, faults: Faults) -> tuple[str
     """The name of the system, the file that defines it, and the section without that file."""
     system = dict(table)
     name, file = system.get("name"), _python_file(system.pop("file", None), "system", folder, faults)
-    if not isinstance(name, str):
+    if not isinstance(name, str) or not name:
         faults.add(f'[system] needs `name = "..."`, got {shown(name)}. `kreisel systems` lists the names.')
         name = ""
     return name, file, system

@@ -25,10 +25,8 @@ def si_number(value: Any, unit: str, name: str, *, positive: bool = False, least
     array = floats(si(value, unit, name))
     if array.shape != () or not np.isfinite(array) or (positive and array <= 0) or array < least:
         bound = " > 0" if positive else f" >= {least:g}" if np.isfinite(least) else ""
-        raise InputError(
-            f"{name} must be a finite number{bound} in SI units ({unit}), or a quantity such as '1 {unit}', got "
-            f"{shown(value)}."
-        )
+        units = f" in SI units ({unit}), or a quantity such as '1 {unit}'" * (unit != "1")
+        raise InputError(f"{name} must be a finite number{bound}{units}, got {shown(value)}.")
     if unit == "rad" and _unitless(value):
         for sentence in doubtful_angle(array, name):
             doubt(sentence)

@@ -289,7 +289,8 @@ def si(value: Any, unit: str, name: str) -> Any:
     value = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "OU" else value
     if isinstance(value, str):
         rates = ", '20 rpm' or '3 turn/s'" if unit == "rad/s" else ""  # pint does not know "3 rev/s"
-        expected = f"{name} must be a quantity such as '1 {unit}'{rates}"
+        wanted = "number" if unit == "1" else f"quantity such as '1 {unit}'"
+        expected = f"{name} must be a {wanted}{rates}"
         if SEPARATED.search(value):  # pint reads 15 in "1,5", and 1 times 500 in "1 500"
             raise InputError(f"{expected}, got {shown(value)}: write 1.5 and 1500, without a comma or space in them.")
         value = parsed(registry().Quantity, value, expected)

@@ -303,7 +303,7 @@ def positive_number(value: Any, name: str) -> float:
 
 def named(value: Any, label: str) -> str | None:
     """A string, or None for the default.  Raises `InputError`."""
-    if value is not None and not isinstance(value, str):
+    if value is not None and (not isinstance(value, str) or not value):
         raise InputError(f"{label}: expected a name, got {shown(value)}. Leave {label} out for the default.")
     return value
 
