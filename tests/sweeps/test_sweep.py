@@ -541,6 +541,7 @@ BAD = [
     ("draws = 6", "draws = 10_000_000", "at most 10,000,000"),
     ("draws = 6", "", "draws must be"),
     ("rng = 7", "", "need a seed"),
+    ("a = [0.6, 0.0, 0.8]", "a = 2020-01-01", "state.a: expected values, words and lists.*Write dates as text"),
     ("rng = 7", "rng = -1", "need a seed"),
     ("rng = 7", "rng = 1.5", "need a seed"),
     ("block = 5", "block = 0", "block in"),
@@ -601,7 +602,7 @@ def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
         ({"design": kr.Design(together=alphas, rng=1)}, "nothing is drawn"),
         ({"design": kr.Design(together=alphas, draws=1)}, "nothing is drawn"),
         ({"design": kr.Design(together={**alphas, "state.m[0]": [1.0, 2.0]})}, "the same number of values"),
-        ({"design": kr.Design(together={"system.alpha": [object()]})}, "described by values"),
+        ({"design": kr.Design(together={"system.alpha": [object()]})}, "system.alpha: expected values, words"),
         ({"memory": 0}, "memory in"),
         ({"method": ["suris"]}, "method: expected a name"),
     ]

@@ -342,20 +342,22 @@ def _seed_and_count(rng: Any, draws: Any, random: bool) -> tuple[int, int]:
     return rng, draws
 
 
-def described(value: Any) -> Any:
-    """The description as plain data that JSON preserves bit for bit.  Raises `InputError`."""
+def described(value: Any, place: str = "") -> Any:
+    """The description as plain data that JSON preserves bit for bit.  Raises `InputError` with the place."""
     if isinstance(value, Mapping):
-        return {str(k): described(v) for k, v in value.items()}
+        return {str(k): described(v, f"{place}.{k}".lstrip(".")) for k, v in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         plain = (value.astype(np.float64) if value.dtype.kind == "f" else value).tolist()
-        return plain if value.dtype.kind in "biufU" else described(plain)
+        return plain if value.dtype.kind in "biufU" else described(plain, place)
     if isinstance(value, list | tuple):
-        return [described(v) for v in value]
+        return [described(v, place) for v in value]
     if isinstance(value, range):
         return list(value)
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise InputError(f"A sweep is described by values, words and lists, got {shown(value)}.")
+    raise InputError(
+        f"{place or 'sweep'}: expected values, words and lists, got {shown(value)}. Write dates as text, in quotes."
+    )
 
 
 def as_json(description: Mapping[str, Any]) -> str:
