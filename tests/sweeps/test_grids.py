@@ -148,6 +148,20 @@ def test_over_accepts_the_names_of_a_design(tmp_path: Path) -> None:
     assert runs[0].momentum_max.equals(runs[1].momentum_max)
 
 
+@pytest.mark.parametrize("name", ["t_end", "t_start"])
+def test_lanes_of_a_body_end_at_their_times(name: str, tmp_path: Path) -> None:
+    """Each is a single run; all had the steps of the first."""
+    body, start = kr.physical.HeavyBody(1.2, (0.0083, 0.0088, 0.006), (0, 0, 0.06)), {"angular_velocity": (1, 2, 60)}
+    settings = {"dt": "2 ms", "t_start": 0.0, "t_end": 2.0, "impulses": {"time": "50 ms", "momentum": (0.01, 0, 0)}}
+    if name == "t_start":
+        del settings["impulses"]  # which count from 0
+    over = {f"run.{name}": ["1 s", "1.5 s"]}
+    run = kr.sweep(body, start, over=over, path=tmp_path / "s.zarr", every=10, workers=0, save=["extremes"], **settings)
+    for lane, time in enumerate((1.0, 1.5)):
+        alone = kr.simulate(body, body.state(**start), every=10, **settings | {name: time})
+        assert abs(run.momentum_max.values[lane] - alone.momentum.max("time").values).max() < 1e-15
+
+
 def test_a_sweep_over_dates(tmp_path: Path) -> None:
     """300 days, whose fields differ: labels are the dates, lanes are single runs."""
     from kreisel.physical import Orbit, Satellite

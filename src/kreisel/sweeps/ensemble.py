@@ -368,18 +368,18 @@ def of_body_in_si(
         parameters[p.letter] = value[0] if many_values else value
         listed |= {f"system.{p.letter}": value} if many_values else {}
     start = {**state.axial, **({} if state.orientation is None else {"orientation": state.orientation})}
-    settings = _settings(
+    settings, varied = _settings(
         model, run, [{q.letter: v for q, v in lane.items() if q.section == "run"} for lane in values_by_lane]
     )
-    _warn_of_end(many, settings)
+    _warn_of_end(many, settings | varied)
     listed |= {f"state.{letter}": value for letter, value in start.items()}
-    listed |= {f"run.{name}": value for name, value in settings.items() if isinstance(value, list)}
+    listed |= {f"run.{name}": value for name, value in varied.items()}
     axes = [[axis, size, {q.name: in_base_units(v) for q, v in tables.items()}] for axis, size, tables in lanes.folded]
     sections = {
         **({"body": replace(model.body_frame, title=body.title).table} if model.body_frame else {}),
         "system": {"name": model.system.name, **parameters},
         "state": {letter: value[0] for letter, value in start.items()},
-        "run": {name: value[0] if isinstance(value, list) else value for name, value in settings.items()},
+        "run": settings,
         "sweep": {
             **{name: value for name, value in spec.items() if name not in GRIDS},
             "list": listed,
@@ -405,13 +405,20 @@ def _unit(q: Varied, frame: BodyFrame, requested: Mapping[str, set[str]]) -> str
     return "".join(units) if len(units) == 1 else ""
 
 
-def _settings(model: Model, run: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The settings of a run in the units of the state: lists of settings that vary."""
+OF_STEPS = ("asked_dt", "t_end")  # settings that dt and steps replace
+
+
+def _settings(
+    model: Model, run: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+    """The settings of the first run in the units of the state, and lists of settings that vary."""
     fixed, several = {name: value for name, value in run.items() if value is not None}, bool(changes[0])
     scaled = [with_steps(scaled_settings(model, {**fixed, **c})) for c in (changes if several else changes[:1])]
-    names = {*changes[0], *(("dt", "steps") if "dt" in changes[0] else ())} & scaled[0].keys()
-    out = {**scaled[0], **{name: [settings[name] for settings in scaled] for name in names}}
-    return {name: value for name, value in out.items() if name not in ("asked_dt", "t_end")}
+    implied = ("dt", "steps") if {"dt", "t_start", "t_end"} & changes[0].keys() else ()
+    names = [k for k in scaled[0] if k not in OF_STEPS and (k in changes[0] or k in implied)]
+    varied = {name: [settings[name] for settings in scaled] for name in names}
+    varied = {k: values for k, values in varied.items() if k in changes[0] or any(v != values[0] for v in values)}
+    return {name: value for name, value in scaled[0].items() if name not in OF_STEPS}, varied
 
 
 def _warn_of_end(body: Body, settings: Mapping[str, Any]) -> None:

@@ -220,8 +220,10 @@ def _checked_description(description: dict[str, Any], source: Path | System | No
             raise InputError(f"{name} in [sweep] must be an integer, 1 or more, got {shown(value)}.")
     run = {k: v for k, v in description["run"].items() if v is not None}
     if "t_end" in run:
-        if any(q.name in ("run.dt", "run.steps", "run.t_end") for q in Lanes(description, spec).quantities):
-            raise InputError("t_end: expected the same steps in all lanes, got a dt or steps that varies. Give steps.")
+        if any(
+            q.name in ("run.dt", "run.steps", "run.t_start", "run.t_end") for q in Lanes(description, spec).quantities
+        ):
+            raise InputError("t_end: expected the same steps in all lanes, got a time or steps that vary. Give steps.")
         run = {k: v for k, v in with_steps(run).items() if k not in ("asked_dt", "t_end")}
     out = {**description, "run": run, "sweep": spec}
     if isinstance(source, Path):
