@@ -162,6 +162,17 @@ def test_lanes_of_a_body_end_at_their_times(name: str, tmp_path: Path) -> None:
         assert abs(run.momentum_max.values[lane] - alone.momentum.max("time").values).max() < 1e-15
 
 
+def test_rows_of_lanes_with_other_steps_are_equally_far_apart(tmp_path: Path) -> None:
+    """every=60 ms are 60 steps of 1 ms and 30 of 2 ms; both had 60."""
+    body, start = kr.physical.HeavyBody(1.2, (0.0083, 0.0088, 0.006), (0, 0, 0.06)), {"angular_velocity": (1, 2, 60)}
+    settings = {"t_end": "0.48 s", "every": "60 ms"}
+    over = {"dt": ["1 ms", "2 ms"]}
+    run = kr.sweep(body, start, over=over, path=tmp_path / "s.zarr", workers=0, save=["extremes"], **settings)
+    for lane, dt in enumerate(over["dt"]):
+        alone = kr.simulate(body, body.state(**start), dt=dt, **settings)
+        assert abs(run.momentum_max.values[lane] - alone.momentum.max("time").values).max() < 1e-15
+
+
 def test_a_sweep_over_dates(tmp_path: Path) -> None:
     """300 days, whose fields differ: labels are the dates, lanes are single runs."""
     from kreisel.physical import Orbit, Satellite

@@ -42,7 +42,7 @@ from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.record.units import OF_SYSTEM, BodyFrame, base_unit, in_base_units, units_requested
 from kreisel.record.values import axes_of
 from kreisel.runs import harmonics
-from kreisel.runs.in_si import scaled, scaled_settings
+from kreisel.runs.in_si import scaled, scaled_settings, unit_of_times
 from kreisel.runs.integration import Integration
 from kreisel.runs.operations import load_system, operations_of
 from kreisel.runs.plan import Plan
@@ -413,8 +413,9 @@ def _settings(
 ) -> tuple[dict[str, Any], dict[str, list[Any]]]:
     """The settings of the first run in the units of the state, and lists of settings that vary."""
     fixed, several = {name: value for name, value in run.items() if value is not None}, bool(changes[0])
-    scaled = [with_steps(scaled_settings(model, {**fixed, **c})) for c in (changes if several else changes[:1])]
-    implied = ("dt", "steps") if {"dt", "t_start", "t_end"} & changes[0].keys() else ()
+    with unit_of_times(model):
+        scaled = [with_steps(scaled_settings(model, {**fixed, **c})) for c in (changes if several else changes[:1])]
+    implied = ("dt", "steps", "every") if {"dt", "t_start", "t_end"} & changes[0].keys() else ()
     names = [k for k in scaled[0] if k not in OF_STEPS and (k in changes[0] or k in implied)]
     varied = {name: [settings[name] for settings in scaled] for name in names}
     varied = {k: values for k, values in varied.items() if k in changes[0] or any(v != values[0] for v in values)}
