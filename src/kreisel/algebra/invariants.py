@@ -29,6 +29,9 @@ from kreisel.algebra import (
     wedge,
 )
 
+FEW_MINORS = 5  # rows of a determinant
+MOST = 10  # n up to which records have all coefficients, or points, of a spectrum; beyond, as many as there
+
 
 def border(m: Array, v: Array, w: Array | None = None) -> Array:
     """[[m, v], [w^T, 0]] of size n + 1; w = v if not given."""
@@ -272,32 +275,32 @@ def gram(M: Array, *vectors: Array) -> Array:
 
 
 def metric_spectrum(M: Array, A: Array) -> Array:
-    """Coefficients of nu^i mu^(n-k), i > 0, in det(mu - nu A - M), which depend on M: k - i = 2, 4, ..."""
+    """Coefficients of nu^i mu^(n-k), i > 0, in det(mu - nu A - M), that depend on M: k - i = 2, 4, ..., k <= 10."""
     c = _faddeev_leverrier({0: M, 1: A})
-    return stack([c[k][i] for k in range(3, M.shape[-1] + 1) for i in range(k - 2, 0, -2)])
+    return stack([c[k][i] for k in range(3, len(c)) for i in range(k - 2, 0, -2)])
 
 
 def laurent_spectrum(M: Array, A: Array, P: Array, odd: bool = True, step: int = 2) -> Array:
-    """Coefficients of det(mu - L), L = lambda A + M + P/lambda, that depend on M: of lambda^i mu^(n-k), |i| < k.
+    """Coefficients of det(mu - L), L = lambda A + M + P/lambda, that depend on M: of lambda^i mu^(n-k), |i| < k <= 10.
 
     For symmetric A and P and skew M coefficients with odd i - k vanish, and are left out with step 2; for skew A, P and
     M coefficients with odd k vanish, and are left out without `odd`.
     """
     c, out = _faddeev_leverrier({1: A, 0: M, -1: P}), []
-    for k in range(1, M.shape[-1] + 1):
+    for k in range(1, len(c)):
         out += [c[k][i] for i in range(k - step, -k, -step)] if odd or k % 2 == 0 else []
     return stack(out)
 
 
 def _faddeev_leverrier(N: Mapping[int, Array]) -> list[dict[int, Array]]:
-    """c_k as coefficients of lambda^i, for L = sum lambda^i N_i: for all k, for which traces of powers lose digits.
+    """c_k as coefficients of lambda^i, for L = sum lambda^i N_i, k <= `MOST`; traces of powers lose digits.
 
     [Faddeev and Leverrier; B_k = L B_(k-1) + c_k, c_k = -tr(..)/k]
     """
     n = N[0].shape[-1]
     B: dict[int, Array] = {0: identity(n) + 0 * N[0]}
     out: list[dict[int, Array]] = [{}]
-    for k in range(1, n + 1):
+    for k in range(1, min(n, MOST) + 1):
         product: dict[int, Array] = {}
         for i, X in B.items():
             for shift, term in N.items():
@@ -308,8 +311,15 @@ def _faddeev_leverrier(N: Mapping[int, Array]) -> list[dict[int, Array]]:
 
 
 def determinant(A: Array) -> Array:
-    """The determinant of A (..., n, n) by minors, one row after another: n 2^(n-1) multiplications, no division."""
+    """The determinant of A (..., n, n) by minors, one row after another: n 2^(n-1) multiplications, no division.
+
+    Arrays of doubles go to LAPACK if there would be more than a hundred: for n = 14 a minute, for n = 20 hours.
+    """
     n = A.shape[-1]
+    if n > FEW_MINORS and hasattr(A, "record_determinant"):
+        return A.record_determinant()
+    if n > FEW_MINORS and isinstance(A, np.ndarray) and A.dtype == np.float64:
+        return np.linalg.det(A)
     minors: dict[tuple[int, ...], Any] = {(): 1}
     for i in range(n):
         row = [(A[..., i, c], -A[..., i, c]) for c in range(n)]  # by the sign

@@ -21,6 +21,7 @@ from kreisel.method.scheme import ORIENTATION, Scheme
 
 FLAT = 2.0**-4  # as in `kreisel.graph.project`, where values have more digits
 MOST_N = 100  # beyond, an evaluation needs a second; from 82 on BLAS may give other bits for other counts of threads
+MOST_WORK = 1e10  # multiplications of a solution: the 4,851 momenta of Ratiu's top with n = 100 need minutes
 STEPS = 2  # of Newton: after one, nearly redundant invariants drift, by 160 ulp after 8e6 steps of a top with n = 100
 VECTORS = 3  # operations of a step are counted as n^2 a line, also of vectors: 4 % of the time, n = 20, where it was 11
 SAMPLES = 8  # states that give the size of an invariant's terms
@@ -204,11 +205,11 @@ class ArrayProjection(InDoubles):
 
     def __init__(self, observed: Observed, work: float):
         self._observed, self._z = observed, observed.z
-        if not observed.members:
-            super().__init__((), 1, len(self._z))
-            return
         scheme, d = observed.scheme, observed.size
         k = sum(map(len, observed.members.values()))
+        if not k or k * k * d > MOST_WORK:
+            super().__init__((), 1, len(self._z))
+            return
         key = None if scheme.kernel_key is None else (ArrayProjection, scheme.kernel_key)
         work *= min(1.0, VECTORS * d / scheme.n**2)
         self._begin(

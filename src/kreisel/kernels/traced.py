@@ -148,6 +148,12 @@ class Traced(NDArrayOperatorsMixin, Recorded):
 
         return Traced(self.value[index], (self, back))
 
+    def record_determinant(self) -> Traced:
+        """det A of a matrix; det A A^-T goes back."""
+        value = np.linalg.det(self.value)
+        slope = value * np.linalg.inv(self.value).T
+        return Traced(value, (self, lambda g: g[:, None, None] * slope), cost=self.size**1.5)
+
     def sqrt(self) -> Traced:
         return self.by(np.sqrt)
 
@@ -258,6 +264,24 @@ def _sum_of_products(subscripts: str, *operands: Any, optimize: Any = False) -> 
     )
 
 
+def _solved(A: Any, B: Any) -> Traced:
+    """A^-1 B for A (..., n, n) and a vector or columns B (..., n, k); A^-T g goes back to B, less that by B to A."""
+    if np.ndim(B) == 1:
+        return _solved(A, B[:, None])[:, 0]
+    a, b = _value(A), _value(B)
+    X = np.linalg.solve(a, b)
+
+    def to_columns(g: Floats) -> Any:
+        return np.linalg.solve(a.mT, g)
+
+    ways = (
+        (A, lambda g: _unrepeated(-to_columns(g) @ X.mT, a.shape)),
+        (B, lambda g: _unrepeated(to_columns(g), b.shape)),
+    )
+    cost = a.size * (a.shape[-1] + b.shape[-1])
+    return Traced(X, *((z, back) for z, back in ways if isinstance(z, Traced)), cost=cost)
+
+
 def _rearranged(name: str, x: Traced, *arguments: Any, **named: Any) -> Traced:
     return x.gathered(lambda places: getattr(np, name)(places, *arguments, **named))
 
@@ -279,6 +303,8 @@ Namespace: Any = SimpleNamespace(
     outer=lambda x, y: _traced(x).ravel()[:, None] * _traced(y).ravel(),
     norm=_norm,
     einsum=_sum_of_products,
+    linalg=SimpleNamespace(solve=_solved),
+    solve=_solved,  # of np.linalg
 )
 
 

@@ -48,7 +48,7 @@ from kreisel.algebra import (
     where_less,
 )
 from kreisel.algebra.backend import Complex
-from kreisel.algebra.invariants import adjugate, blocks, stack
+from kreisel.algebra.invariants import MOST, adjugate, blocks, stack
 from kreisel.baecklund.conjugate import longest, norm, projector_of, under
 from kreisel.record.contract import TWO_FIELDS_SPACE, ConjugatePairs, Map, Parameter, System, named
 from kreisel.system import quadratic_field as general
@@ -187,7 +187,7 @@ def enlarged(M, F, gamma):
 def spectrum(M, P, Q, *, gamma, eps=0):
     """det L(lambda, mu) at 2 n - 4 points (lambda, mu): complete with the energy and a chain of the block M_22."""
     M, F, B = enlarged(M, np.stack([P, Q], -1), gamma)
-    points = [(1 + j % 3, 1 + j // 3) for j in range(2 * M.shape[-1] - 8)]
+    points = [(1 + j % 3, 1 + j // 3) for j in range(2 * min(M.shape[-1], MOST) - 8)]
     return general.values_of(M, F, general.potential(F, eps * eps * B / 4), B, eps=eps, points=points)
 
 

@@ -15,7 +15,7 @@ clebsch has F = P P^T, kovalevskaya-gyrostat the F of fields in so(n) x so(2), r
 import numpy as np
 
 from kreisel.algebra import KINDS, bracket, dot, hat, holds_objects, identity, mat, pairing, solve, symmetric, trace_log
-from kreisel.algebra.invariants import blocks, determinant, diagonal, stack
+from kreisel.algebra.invariants import MOST, blocks, determinant, diagonal, stack
 from kreisel.algebra.rotations import SECOND, THIRD, axial, cayley
 from kreisel.baecklund.conjugate import QUADRATIC, in_letter
 from kreisel.record.contract import FIELD_SPACE, Parameter, System, kicked_map, named
@@ -130,8 +130,11 @@ def energy(M, F, *, b, eps=0):
 
 
 def spectrum(M, F, *, B, eps=0):
-    """det(L)/lambda^n at n (n - 1)/2 - 1 points (lambda, mu): with the energy half the dimension of a leaf."""
-    n = M.shape[-1]
+    """det(L)/lambda^n at n (n - 1)/2 - 1 points (lambda, mu): with the energy half the dimension of a leaf.
+
+    For n > 10 at as many points as for n = 10; so in the other records that use `values_of`.
+    """
+    n = min(M.shape[-1], MOST)
     points = [(i + 1, j) for i in range(n - 1) for j in range(n - 1 - i)][1:]
     return values_of(M, F, potential(F, eps * eps * B / 4), B, eps=eps, points=points)
 

@@ -14,7 +14,7 @@ Conclusions; the map was made here]
 import numpy as np
 
 from kreisel.algebra import KINDS, bracket, dot, hat, holds_objects, identity, mat, pairing, skew, solve, vec, wedge
-from kreisel.algebra.invariants import trace_of_product
+from kreisel.algebra.invariants import MOST, trace_of_product
 from kreisel.algebra.rotations import axial, cayley, cayley_conjugate, coordinates, cross
 from kreisel.record.contract import ADJOINT_SPACE, Parameter, System, kicked_map, named
 from kreisel.record.values import positive
@@ -86,7 +86,7 @@ def energy(M, G, *, c, X, C, h, eps=0):
 def spectrum(M, G, *, C, h, eps=0):
     """det(L)/lambda^n at points (lambda, mu); with `noether` they are complete for n = 3, 4, 5."""
     step, places = mat(eps * h), (1, -1, 2, -2, 3)
-    points = [(lam, j) for j in range(1, M.shape[-1] // 2 + 1) for lam in places[: 2 if j == 1 else 5]]
+    points = [(lam, j) for j in range(1, min(M.shape[-1], MOST) // 2 + 1) for lam in places[: 2 if j == 1 else 5]]
     return general.values_of(M, G, general.potential(G, step * step * C / 4), C, eps=step, points=points)
 
 

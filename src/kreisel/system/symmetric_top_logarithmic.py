@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import act, dot, identity, log, mat, pairing, trace_log, wedge
-from kreisel.algebra.invariants import border
+from kreisel.algebra.invariants import MOST, border
 from kreisel.record.contract import Relation, kicked_map, named
 from kreisel.system import quadratic_field as general, symmetric_top
 
@@ -42,7 +42,7 @@ def enlarged(M, P, A):
 
 def spectrum(M, P, *, A, eps=0):
     """det L(lambda, mu) at n - 2 points (lambda, mu): with the energy and `noether` they are complete."""
-    points = [(1 + j, 1 + j % 2) for j in range(M.shape[-1] - 2)]
+    points = [(1 + j, 1 + j % 2) for j in range(min(M.shape[-1], MOST) - 2)]
     M, F, B = enlarged(M, P, A)
     return general.values_of(M, F, general.potential(F, eps * eps * B / 4), B, eps=eps, points=points)
 
