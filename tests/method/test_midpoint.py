@@ -189,3 +189,9 @@ def test_an_empty_site_is_named() -> None:
         kr.simulate(kr.SpinChain(n=4), start, dt=0.01, steps=2, method="midpoint")
     run = kr.simulate(kr.SpinChain(n=4), start, dt=0.01, steps=2, method="kahan")
     assert not any(run[name].values[:, 3].any() for name in start)
+
+
+@pytest.mark.parametrize("M", [np.zeros(3), [(0.1, 0.2, 1.5), (0, 0, 0)]])
+def test_a_body_at_rest_is_named(M: Any) -> None:
+    with pytest.raises(kr.InputError, match="got a momentum 0"):
+        kr.simulate(kr.EulerTop(J=(1, 2, 3)), {"M": M}, dt=0.1, steps=3, method="midpoint", orientation=(1, 0, 0, 0))

@@ -62,10 +62,14 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     def prepare(x: State) -> State:
         floats = isinstance(x[0], np.ndarray) and x[0].dtype != object
-        if model.system.space.sites and floats and not inner(x[:3], x[:3]).all():
+        w = _spins(model.system.space, x)[:3] if floats else ()
+        if floats and not inner(w, w).all():
+            vector, cause = "spin", "an empty site. Leave the site out, or use method='kahan' or 'dop853'"
+            if not model.system.space.sites:
+                vector, cause = "momentum", "a body at rest, which stays at rest. Use another method, such as 'dop853'"
             raise InputError(
-                "method='midpoint' divides by the length of each spin: expected spins that are not 0, got a spin 0. "
-                "Usual cause: an empty site. Leave the site out, or use method='kahan' or 'dop853'."
+                f"method='midpoint' divides by the length of each {vector}: expected none that is 0, got a {vector} 0. "
+                f"Usual cause: {cause}."
             )
         return scheme.prepare(x)
 
