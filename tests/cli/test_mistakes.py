@@ -471,3 +471,8 @@ def test_a_file_of_a_system_that_exits_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("import sys\n\nsys.exit(3)\n", encoding="utf-8")
     with pytest.raises(kr.InputError, match=r"mine.py, line 3: SystemExit: 3\. Call sys\.exit only below"):
         executed(tmp_path / "mine.py")
+
+
+def test_new_names_the_way_to_lanes_of_a_body() -> None:
+    with pytest.raises(kr.InputError, match=r"a section \[sweep\.grid\] in the file of `kreisel new gyroscope`"):
+        cli.new.new("gyroscope", None, None, None, swept=True, perturbed=False, lagrangian=False)

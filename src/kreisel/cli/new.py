@@ -124,7 +124,11 @@ def new(
     elif name in samples() and not swept and n is None:
         files = {target: text_of_body(name, target)}
     elif name in samples() and name not in KNOWN:
-        raise InputError(f"kreisel new: expected a system for --sweep and --n, got the body {name}.")
+        raise InputError(
+            f"kreisel new: expected a system for --sweep and --n, got the body {name}. Lanes of a body are a section "
+            f"[sweep.grid] in the file of `kreisel new {name}`, with lists for keys of [body] or [state], such as "
+            "body.mass = ['1 kg', '2 kg'], for `kreisel sweep`."
+        )
     else:
         files = {target: text_of(example(system_named(name), n), target, swept)}
     for path in files:
@@ -143,6 +147,7 @@ def system_named(name: str) -> System:
     if name in samples() and name not in KNOWN:
         raise InputError(
             f"expected a system, got {name}, a body of kr.physical. `kreisel new {name}` writes a TOML file of its run."
+            " User-defined forces are its arguments torque and potential, in Python."
         )
     return find(name, KNOWN, samples())
 
