@@ -155,7 +155,7 @@ def test_lanes_of_a_body_end_at_their_times(name: str, tmp_path: Path) -> None:
     settings = {"dt": "2 ms", "t_start": 0.0, "t_end": 2.0, "impulses": {"time": "50 ms", "momentum": (0.01, 0, 0)}}
     if name == "t_start":
         del settings["impulses"]  # which count from 0
-    over = {f"run.{name}": ["1 s", "1.5 s"]}
+    over = {name: ["1 s", "1.5 s"]}
     run = kr.sweep(body, start, over=over, path=tmp_path / "s.zarr", every=10, workers=0, save=["extremes"], **settings)
     for lane, time in enumerate((1.0, 1.5)):
         alone = kr.simulate(body, body.state(**start), every=10, **settings | {name: time})

@@ -145,7 +145,7 @@ def _design(body: Body | None, over: Any, design: Any) -> Design:
             f"over: expected a body of kr.physical, and a dict of names and values without a design, got {shown(over)}."
         )
     sections = {name: "state" for name in (*inspect.signature(body.state).parameters, *body.words.values())}
-    sections |= dict.fromkeys(("dt", "steps", "t_end", "method", "order"), "run")
+    sections |= dict.fromkeys(("dt", "steps", "t_start", "t_end", "every", "method", "order"), "run")
 
     def full(name: str) -> str:
         if name.startswith(("body.", "state.", "run.", "system.")):  # as in a Design
