@@ -149,9 +149,9 @@ class Traced(NDArrayOperatorsMixin, Recorded):
         return Traced(self.value[index], (self, back))
 
     def record_determinant(self) -> Traced:
-        """det A of a matrix; det A A^-T goes back."""
+        """det A of a matrix; det A A^-T goes back, NaN if A is singular, which leaves an invariant out."""
         value = np.linalg.det(self.value)
-        slope = value * np.linalg.inv(self.value).T
+        slope = value * np.linalg.inv(self.value).T if value else np.full(self.shape, np.nan)
         return Traced(value, (self, lambda g: g[:, None, None] * slope), cost=self.size**1.5)
 
     def sqrt(self) -> Traced:
