@@ -53,12 +53,13 @@ def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
 
 
 def nanoseconds(steps: Callable[[int], Any]) -> float:
-    """Nanoseconds a step: a call of many steps less a call of one, the least of several each."""
+    """Nanoseconds a step: a call of many steps, which need half as long as its set-up or longer, less a call of one."""
     count, single = 1, _least(steps, 1)
-    while (many := _least(steps, 1 + count, 1)) < single + SECONDS:
+    while _least(steps, 1 + count, 2) < single + max(SECONDS, single / 2):
         count *= 2
-    many = min(many, _least(steps, 1 + count))
-    return (many - _least(steps, 1)) / count * 1e9
+    spent = [(_least(steps, 1, 1), _least(steps, 1 + count, 1)) for _ in range(CALLS)]
+    single, many = (min(seconds) for seconds in zip(*spent, strict=True))
+    return (many - single) / count * 1e9
 
 
 def _least(steps: Callable[[int], Any], count: int, calls: int = CALLS) -> float:
