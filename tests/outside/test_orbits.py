@@ -286,6 +286,19 @@ def test_dates_of_astropy_are_in_utc() -> None:
     assert abs(path.at(90.0)[0] - ORBITS["round"].at(90.0)[0]).max() < 1e-6
 
 
+@pytest.mark.parametrize("epoch", [None, "2016-12-31T23:30:00"])
+def test_seconds_of_a_table_across_a_leap_second(epoch: str | None) -> None:
+    """The last second of 2016 was 23:59:60 (IERS Bulletin C 52): astropy counts it; satellites move 7 km in it."""
+    orbit, dates = ORBITS["round"], np.arange("2016-12-31T23:40", "2017-01-01T00:30", 60, dtype="datetime64[s]")
+    t = (Time(dates, scale="utc") - Time(epoch or dates[0], scale="utc")).sec
+    path = Orbit.from_table(dates, orbit.at(t)[0], epoch=epoch)
+    middle = (t[1:] + t[:-1]) / 2
+    assert abs(path.at(middle)[0] - orbit.at(middle)[0]).max() < 10
+    with pytest.raises(kr.InputError, match="expected times of the path"):
+        path.at(t[-1] + 0.5)  # a second less without the leap second
+    assert path.at(t[-1])[0] == pytest.approx(orbit.at(t[-1])[0], abs=1e-3)
+
+
 def test_a_state_needs_a_place_at_its_start() -> None:
     t = np.arange(1000.0, 4000.0, 60.0)
     body = Satellite((1, 2, 2.5), Orbit.from_table(t, *ORBITS["round"].at(t)))

@@ -67,6 +67,7 @@ def _checked(primary: Any) -> Primary:
 
 DAY, MOST_DEGREE, MOST_ROWS = 86_400.0, 5, 2_000_000
 CONSISTENT = 0.02  # of the length of a path: the largest part that is not by the velocities
+CLOSE = 1e-9  # relative, of times
 LOOSE = 3e-4  # of the distance: an error between rows, 2 km in a low orbit
 FALLING = 0.05  # of mu/r^2: the oblateness of the Earth has 0.002, a polar orbit in a frame of the Earth 0.1
 AHEAD_OF_UTC = {"TDB": 69.184, "TT": 69.184, "TAI": 37.0, "GPS": 18.0}  # s
@@ -278,7 +279,7 @@ class Orbit:
     ) -> Orbit:
         """The path through positions at given times, such as an ephemeris has.
 
-        times       (k,), s from the epoch, or dates (k,) in UTC, the first of which is the default epoch; k >= 6
+        times       (k,), s from the epoch, or dates (k,) in UTC, with leap seconds, from the epoch or the first; k >= 6
         positions   (k, 3), m, in an inertial frame with the pole of the primary as third axis
         velocities  (k, 3), m/s; default: the rates of a spline through the positions
 
@@ -292,9 +293,13 @@ class Orbit:
         with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):  # of values with units
             dates = np.asarray([times] if isinstance(times, str) else _of_astropy(times))
             if dates.dtype.kind in "MUO":
+                from kreisel.storage.messages import leap_seconds
+
                 days: list[Any] = [_date(day) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
-                first = epoch or days[0]
-                t, epoch = np.array([(day - first).total_seconds() for day in days]), first
+                days.insert(0, epoch or days[0])
+                utc = np.array([day.replace(tzinfo=None) for day in days], dtype="datetime64[us]")
+                t = (utc - utc[0]) / np.timedelta64(1, "s") + leap_seconds(utc) - leap_seconds(utc[0])
+                t, epoch = t[1:], days[0]
         t = finite_floats(times, "s", "times") if t is None else t
         r = si_numbers(positions, "m", "positions")
         v = None if velocities is None else si_numbers(velocities, "m/s", "velocities")
@@ -442,15 +447,16 @@ class Orbit:
         Raises `InputError` for times outside the path.
         """
         t = finite_floats(time, "s", "time")
-        if self.path is not None and t.size and not self.path.span[0] <= t.min() <= t.max() <= self.path.span[1]:
-            first, last = self.path.span
+        first, last = (-math.inf, math.inf) if self.path is None else self.path.span
+        slack = CLOSE * (last - first)  # of dates as doubles
+        if t.size and not first - slack <= t.min() <= t.max() <= last + slack:
             raise InputError(
                 f"time: expected times of the path, {first:g} to {last:g} s from its epoch, got {t.min():g} to "
                 f"{t.max():g}. Usual cause: state(...) and pointing(...), which begin at t = 0. Give state both "
                 "attitude and spin, or count the times from another epoch."
             )
         path = Reader(np.zeros(4), formulas.PATH) if self.path is None else self.path
-        r, v = formulas.place(t, self._constants, path)
+        r, v = formulas.place(np.clip(t, first, last), self._constants, path)
         return r, v
 
     def frame(self, time: Any) -> Array:

@@ -250,16 +250,18 @@ def _now() -> str:
     return f"{now:%Y-%m-%dT%H:%M:%S}"
 
 
+def leap_seconds(dates: Any) -> Any:
+    """TAI - UTC, s, on dates in UTC (...); before 1972, when UTC begins, 9."""
+    return 9 + np.searchsorted(np.array(LEAPS.split(), dtype="datetime64[us]"), dates, "right")
+
+
 def _terrestrial(date: np.datetime64, time_system: str) -> float:
     """Seconds of terrestrial time since 2000-01-01T12:00:00.  Raises `InputError` for other scales."""
-    ahead = {"UTC": 9.0, "TAI": 0.0, "TT": -TERRESTRIAL}.get(time_system)
+    ahead = {"UTC": float(leap_seconds(date)), "TAI": 0.0, "TT": -TERRESTRIAL}.get(time_system)
     if ahead is None:
         raise InputError(f"time_system: expected UTC, TAI or TT for a .bc, got {shown(time_system)}.")
-    if time_system == "UTC":
-        passed = sum(date >= np.datetime64(leap, "us") for leap in LEAPS.split())
-        if not passed:
-            raise InputError(f"epoch: expected a date from 1972 on, when UTC begins, got {date}.")
-        ahead += passed
+    if time_system == "UTC" and ahead < 10:
+        raise InputError(f"epoch: expected a date from 1972 on, when UTC begins, got {date}.")
     return float((date - J2000) / np.timedelta64(1, "s") + ahead + TERRESTRIAL)
 
 
