@@ -279,7 +279,8 @@ def observed(model: Model, data: Any, dt: float, observables: Any, starts: Mappi
     if time.min() < 0:
         raise InputError(
             f"observations: expected times from 0 on, when the state is x0, got {float(time.min()):g} before the "
-            "start. Use data.assign_coords(time=data.time - data.time[0])."
+            "start. Use data.assign_coords(time=data.time - data.time[0]), and for a body on an orbit the anomaly and "
+            "the epoch of that time."
         )
     time = np.asarray(time, dtype=np.float64) / _size_of_unit(model, data["time"], "time")
     _check_shapes(model, variables, starts)
