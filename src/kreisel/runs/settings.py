@@ -257,9 +257,10 @@ def checked_state(model: Model, x0: Any, time: float = 0.0) -> State:
 
 def _require_engine(name: Any) -> None:
     if not isinstance(name, str) or name not in ENGINES:
+        near = "" if "gpu" in str(name).lower() else hint(name, ENGINES)  # which is like cpu
         raise InputError(
-            f"engine: expected one of {', '.join(ENGINES)}, got {shown(name)}. An NVIDIA GPU is 'cuda' (float64) or "
-            "'cuda-float32'; without one leave engine out, or say 'cpu'."
+            f"engine: expected one of {', '.join(ENGINES)}, got {shown(name)}.{near} An NVIDIA GPU is 'cuda' (float64) "
+            "or 'cuda-float32'; without one leave engine out, or say 'cpu'."
         )
 
 
