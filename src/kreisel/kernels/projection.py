@@ -218,7 +218,7 @@ class ArrayProjection(InDoubles):
         )
 
     def _cost(self) -> float:
-        """Of the invariants and their gradients; operations without an adjoint fail here."""
+        """The cost of the invariants and their gradients; operations without an adjoint fail here."""
         first, state = self._recorded(self._z[0], 0)
         gradient(first, state)
         return cost(first)
