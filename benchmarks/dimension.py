@@ -1,5 +1,7 @@
 """Time of a step against n, single trajectories without saving, with fitted exponents.
 
+    OPENBLAS_NUM_THREADS=1 python benchmarks/dimension.py      # only the time of this thread is read
+
 Calls of `p.steps`, and of `kr.simulate` where the engine is prescribed: the time of many steps less the time of one.
 
 The engine that a run chooses ("chosen": structured code of O(n) a step from n = 9 on, of O(n^2) from n = 11 on, where
@@ -54,15 +56,17 @@ def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
 
 def nanoseconds(steps: Callable[[int], Any]) -> float:
     """Nanoseconds a step: a call of many steps, which need half as long as its set-up or longer, less a call of one."""
-    count, single = 1, _least(steps, 1)
-    while _least(steps, 1 + count, 2) < single + max(SECONDS, single / 2):
+    count, single = 1, _least(steps, 1, CALLS)
+    while True:
+        if _least(steps, 1 + count, 2) > single + max(SECONDS, single / 2):
+            spent = [(_least(steps, 1, 1), _least(steps, 1 + count, 1)) for _ in range(CALLS)]
+            single, many = (min(seconds) for seconds in zip(*spent, strict=True))
+            if many > single + max(SECONDS, single / 2) / 2:  # else other work was timed
+                return (many - single) / count * 1e9
         count *= 2
-    spent = [(_least(steps, 1, 1), _least(steps, 1 + count, 1)) for _ in range(CALLS)]
-    single, many = (min(seconds) for seconds in zip(*spent, strict=True))
-    return (many - single) / count * 1e9
 
 
-def _least(steps: Callable[[int], Any], count: int, calls: int = CALLS) -> float:
+def _least(steps: Callable[[int], Any], count: int, calls: int) -> float:
     """Processor seconds of a call of that many steps."""
     spent = []
     for _ in range(calls):
