@@ -259,6 +259,24 @@ def test_arrays_go_back_to_the_start_of_the_run(stored: bool) -> None:
         assert abs(after[name] - before[name]).max() < 0.6 * abs(displaced[name] - before[name]).max() + 1e-10, name
 
 
+def test_an_interrupt_leaves_the_state_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Invariants of the start are computed with the rows of the start in place."""
+    engine = random_plan("clebsch", 12, "suris", 1, engine="cpu").engine
+    engine.z += 1e-7
+    before = engine.z.copy()
+
+    def interrupted(z: Any) -> Any:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(engine.projection, "_values", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            engine.projection.apply()
+    assert (engine.z == before).all()
+    engine.projection.apply()
+    assert 0 < abs(engine.z - before).max() < 1e-5
+
+
 def test_an_invariant_whose_gradient_vanishes() -> None:
     """(M.P)^2 at M.P = 0, which is at least 0: to lead it by what it drifted at another state threw the state away."""
     body = Ellipsoid.of_density((0.30, 0.15, 0.10), density=1000.0, fluid_density=1000.0)

@@ -82,7 +82,16 @@ class InDoubles(Corrections):
         """Compute the values at the start: 17 evaluations, deferred to the first projection or checkpoint."""
         if self._start is None:
             return
-        now, self._z[:], self._start = self._z.copy(), self._start, None
+        now = self._z.copy()
+        self._z[:] = self._start
+        try:
+            self._measure(self._state())
+        finally:  # an interrupt here must not leave the state of the start
+            self._z[:] = now
+        self._start = None
+
+    def _measure(self, z: Floats) -> None:
+        """The values of the invariants at rows z, and the size of their terms, into `targets`."""
 
         def at(state: Floats) -> Floats:
             return np.concatenate(list(self._values(state).values()), -1)
@@ -90,7 +99,6 @@ class InDoubles(Corrections):
         def largest(size: Floats, values: Floats) -> Floats:
             return np.fmax(size, np.where(np.isfinite(values), abs(values), 0))
 
-        z = self._state()
         values = at(z)
         rms, size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1]), largest(0 * values, values)
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1]))
@@ -100,7 +108,6 @@ class InDoubles(Corrections):
             close = 8 * EPS * rms * sign
             size = largest(size, (at(z + close) + at(z - close) - 2 * values) / EPS)
         self.targets[..., 0], self.targets[..., 2] = values, size
-        self._z[:] = now
 
     def _state(self) -> Floats:
         """The rows without an orientation."""
