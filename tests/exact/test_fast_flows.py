@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import kreisel as kr
+from kreisel.runs import planning
 
 J = np.array([1.0, 3.5, 14.0, 2500.0])
 MOMENTA = np.array([0.34, 0.61, 0.01, -0.55, -0.27, -0.37])
@@ -54,6 +55,17 @@ def test_steps_too_long_for_flows_that_are_combined_are_warned_of() -> None:
     assert right < 1e-10
     assert not silence
     assert error(J, MOMENTA, P / 5e4, 1.0, method="exact", dt=1.0)[0] < 1e-10
+
+
+@pytest.mark.parametrize("lane", [7, 18])
+def test_a_lane_of_a_large_ensemble_is_warned_of(lane: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planning, "MOST_NUMBERS", 100)
+    monkeypatch.setattr(planning, "SAMPLE", 3)
+    Js, Ps = np.tile([1.0, 1.5, 2.0, 2.7], (20, 1)), np.tile(P, (20, 1))
+    Js[lane], Ps[lane] = J, P / 5e4
+    body = kr.ClebschBody(J=Js)
+    with pytest.warns(kr.AccuracyWarning, match="rad of the flows of clebsch-body"):
+        kr.simulate(body, body.state(M=skew(MOMENTA), P=Ps), dt=1.0, steps=1, method="baecklund", order=12)
 
 
 def test_rounding_of_exact_by_many_flows_is_warned_of() -> None:

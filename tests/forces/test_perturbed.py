@@ -17,6 +17,7 @@ from kreisel.forces.kicks import Body, turns_of
 from kreisel.forces.records import conserved
 from kreisel.method import auto
 from kreisel.record.model import Model
+from kreisel.runs import planning
 
 I = np.array([1.0, 1.3, 0.5])  # noqa: E741
 MASS = I.sum() / 2 - I
@@ -406,6 +407,17 @@ def test_a_perturbation_too_large_for_its_step_is_warned_of() -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             run(k, dt)
+
+
+def test_a_lane_of_a_large_ensemble_needs_a_smaller_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planning, "MOST_NUMBERS", 100)
+    monkeypatch.setattr(planning, "SAMPLE", 3)
+    for k in (0.1, 5.0):
+        body = swinging(potential=lambda a, *, k: k * a[0] ** 2, params={"k": np.r_[np.full(17, 0.1), k, 0.1, 0.1]})
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            kr.simulate(body, SWING, dt=0.4, steps=1, order=(2, 2))
+        assert ["too long for the forces" in str(w.message) for w in seen] == [True] * (k > 1)
 
 
 CHAOTIC = swinging(potential=lambda a: 0.1 * a[0] ** 2)

@@ -84,9 +84,9 @@ def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) 
         c = np.ascontiguousarray(np.broadcast_to(params, (len(z), params.shape[-1])))
         return cast("list[Any]", _kernels().Rooms(model, z, c, dt, fractions(dt, order), 1).links(stages))
 
-    def inner_angle(x0: State) -> float:
+    def inner_angle(model: Model, x0: State) -> float:
         """Twice x over the distance of a branch point: its Padé approximant there has the error of an order."""
-        _, z, c = _rows(model, x0[:count], params)
+        _, z, c = _rows(model, x0[:count], parameter_rows(model))
         rooms = Tori(model, z, c, dt, 2, False).rooms
         return float(2 * np.max(abs(rooms["slope"] * dt) / (rooms["radius"] + rooms["none"])))
 

@@ -233,7 +233,7 @@ class Scheme:
     spin(*z0, mu=dt)        -> the constants `SPINS` of the trajectory (2, n, n), compiled too: points(x0, [dt], "spin")
     links(z, stages)        -> the calls of kernels that write the constants of the stages (lanes, stages, ...) of the
                                trajectories from rows z, not finite if there are none; in place of `point`
-    inner_angle(x0)         -> rad by which the flows that make a step from x0 rotate, the most of all lanes, if a
+    inner_angle(model, x0)  -> rad by which the flows that make a step from x0 rotate, the most of all lanes, if a
                                method combines flows that commute with the motion: they may be far faster
     conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, for quantities that it lets drift
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
@@ -262,7 +262,7 @@ class Scheme:
     wide: bool = True
     spin: Callable[..., Array] | None = None
     links: Callable[[Array, Array], list[Any]] | None = None
-    inner_angle: Callable[[State], float] | None = None
+    inner_angle: Callable[[Model, State], float] | None = None
     recordable: bool = True  # whether motion and `observe` can be recorded, and so compiled
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` only
     conserved: Callable[..., dict[str, Array]] | None = None

@@ -21,7 +21,7 @@ from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.engines import Engine
 from kreisel.method import find, scheme
-from kreisel.method.scheme import ORIENTATION, Orbits, with_lanes
+from kreisel.method.scheme import ORIENTATION, Orbits, with_lanes, with_orientation
 from kreisel.process import duration_text, size_text
 from kreisel.record.calling import call
 from kreisel.record.model import Model, State
@@ -267,7 +267,7 @@ GOOD = 0.1  # rad a step
 PATIENCE = 10.0  # seconds of a run on arrays, beyond which it is announced
 MOST_REPEATED = 2000  # steps of a run that has failed
 TRIED, APART, HALVINGS = 4, 0.01, 12  # steps from the start; how far they may be from half steps; tries
-MOST_NUMBERS = 10**5  # of the state of an ensemble of which steps are tried
+MOST_NUMBERS, SAMPLE = 10**5, 32  # entries of a state that is judged as such; lanes of a larger ensemble
 LONG_KICK = (
     "a step too long for its kicks, in which a torque, a force or a potential changes the motion by much (with dt = "
     "{h:.2g} it continues). Use that or order='auto' with tol=..., which chooses the step."
@@ -285,8 +285,10 @@ def warn_of(plan: Plan) -> None:
                 "rows are states of the map, and show little of the motion between them. "
                 f"Use a dt of {said(GOOD * plan.dt / turn, '.1g')} or so."
             )
-    sentences += _long_kick(plan)
-    sentences += _fast_flows(plan)
+    sample = _sample(plan)
+    if sample is not None:
+        sentences += _long_kick(sample)
+        sentences += _fast_flows(sample)
     alpha = plan.model.params.get("alpha") if plan.model.n == 3 else None
     record = plan.model.system.perturbation
     if alpha is not None and not (record and record.inertia) and not ((alpha > 0) & (alpha <= 2)).all():
@@ -335,9 +337,30 @@ def rate(plan: Plan) -> float:
     return max(value for value in result if math.isfinite(value))
 
 
+def _sample(plan: Plan) -> Plan | None:
+    """The plan, or for large ensembles a plan of some lanes, among them the extremes of parameters, state and rates.
+
+    None for a single large body, and for bodies that act on each other.
+    """
+    lanes, model = plan.lanes, plan.model
+    if plan.first.size <= MOST_NUMBERS:
+        return plan
+    if lanes == 1 or plan.scheme.coupling is not None:
+        return None
+    arrays = [*model.params.values(), *plan.start.values()]
+    if model.system.velocity is not None:
+        with np.errstate(all="ignore"):
+            arrays.append(model.call(model.system.velocity, *(plan.start[k] for k in model.system.space.letters)))
+    sizes = [abs(z).reshape(lanes, -1).max(-1) for z in arrays if z.shape[:1] == (lanes,)]
+    ids = np.unique([*np.linspace(0, lanes - 1, SAMPLE, dtype=int), *map(np.argmax, sizes), *map(np.argmin, sizes)])
+    axes = {letter: algebra.KINDS[kind].axes for letter, kind in with_orientation(model, True)}
+    start = {k: z[ids] if z.ndim > axes.get(k, z.ndim) else z for k, z in plan.start.items()}
+    return replace(plan, model=model.lanes(ids), first=plan.first[ids], start=start)
+
+
 def _long_kick(plan: Plan) -> Iterator[str]:
     """Comparison of a few steps of a splitting from the start with half steps, which shows steps that are too long."""
-    if plan.scheme.name != "splitting" or "expected_error" in plan.scheme.options or plan.first.size > MOST_NUMBERS:
+    if plan.scheme.name != "splitting" or "expected_error" in plan.scheme.options:
         return
     steps, count = _steps(plan), min(TRIED, plan.steps)
     said = plan.model.body_frame.time_text
@@ -377,10 +400,10 @@ FASTER = 3e4  # from which `exact` has errors of 1e-11 to 1e-7 a radian, n = 4
 
 def _fast_flows(plan: Plan) -> Iterator[str]:
     """Steps by flows that are far faster than the motion: too long for an order, or too many for `exact`."""
-    if plan.scheme.inner_angle is None or plan.first.size > MOST_NUMBERS:
+    if plan.scheme.inner_angle is None:
         return
     name, said = plan.model.system.name, plan.model.body_frame.time_text
-    inner = plan.scheme.inner_angle(tuple(plan.start[letter] for letter in plan.model.system.space.letters))
+    inner = plan.scheme.inner_angle(plan.model, tuple(plan.start[k] for k in plan.model.system.space.letters))
     turn, order = plan.dt * rate(plan), plan.scheme.options.get("order")
     cause = "Usual cause: moments, or components of the state, of very different sizes. "
     if order is None:
