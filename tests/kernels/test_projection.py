@@ -19,7 +19,7 @@ from kreisel.graph.graph import TooLong
 from kreisel.graph.invariants import gradients, program_of
 from kreisel.graph.project import CompiledProjection
 from kreisel.graph.recording import flat_constants
-from kreisel.kernels import traced
+from kreisel.kernels import projection, traced
 from kreisel.kernels.projection import Observed
 from kreisel.kernels.traced import Traced, gradient
 from kreisel.lab import exact
@@ -609,6 +609,12 @@ def test_a_correction_that_was_not_looked_at_is_none() -> None:
     model, x0 = own_top(12)
     table = kr.drift(kr.simulate(model, x0, dt=0.05, steps=20, method="suris", order=1, engine="cpu"))
     assert table.conserved.any() and table.correction.isna().all()
+
+
+def test_a_projection_that_costs_too_much_is_left_out_and_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(projection, "MOST_WORK", 100)
+    model, x0 = own_top(12)
+    assert kr.simulate(model, x0, dt=0.05, steps=1, method="suris", order=1, engine="cpu").attrs["projection"] == 0
 
 
 def test_an_integral_of_jax_whose_name_comes_first() -> None:

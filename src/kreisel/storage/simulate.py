@@ -72,7 +72,7 @@ def simulate(
     orientation  initial g, body to space: a matrix, or for n = 3 a quaternion (w, x, y, z); then it is a variable
     engine       "cpu" (compiled, all cores), "large" (O(n) a step for Lagrange tops and Neumann, O(n^2) for Clebsch;
                  both by n and method unless given), "cuda" (NVIDIA, float64), "cuda-float32": many lanes, n <= 10
-    project      project away rounding errors of invariants, every `projection` steps (an attribute); False: the map
+    project      project away rounding of invariants every `projection` steps (an attribute; 0: not); False: the map
     observe      Casimirs and integrals to save with the state, by name; default: all, most of the time of a row
     impulses     added to a momentum as the state has it, before the row there: {"time": 2.0, "m": (0, 0, 1)}, or a list
     events       `kr.Event(quantity, action)` or a list, with times in the attribute event_times
