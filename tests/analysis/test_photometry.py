@@ -100,6 +100,17 @@ def test_derivatives_of_the_magnitudes(mode):
         assert np.allclose(r[0], seen.residuals(x, mode)[:, 0])
 
 
+def test_errors_of_another_unit_are_doubted():
+    """Errors of 20 mmag without a unit: a motion that does not fit has a chi^2 far below 1 per degree of freedom."""
+    body, state, _ = tumbler(0.4, 2 * np.pi / (9 * HOUR), False)
+    data = observations(body, state, [0, 1, 2]).assign(sigma_magnitude=20.0)
+    seen, epoch = photometry._seen(data, None, *photometry._light(None, "lommel-seeliger", None))
+    x = np.array([[0.3, -0.6, 1.2, 0.7, 9 * HOUR, 31 * HOUR, 0.55, 0.5]])
+    chi2 = (seen.residuals(x, "short-axis") ** 2).sum(0)
+    with pytest.warns(InputWarning, match="sigma_magnitude is too large. Usual cause: mmag"):
+        photometry._as_fit(seen, [("short-axis", x, chi2)], epoch, None)
+
+
 def test_a_small_tilt_and_the_ranges(small):
     body, state, rotation = tumbler(0.12, 2 * np.pi / (9 * HOUR), False)
     data = observations(body, state, np.arange(6))
@@ -126,9 +137,10 @@ def test_bad_input():
         (lambda d: d.assign_coords(time=2.46e6 + d.time / DAY), {}, "days for seconds"),
         (lambda d: d.assign_coords(time=d.time.assign_attrs(units="d")), {}, "TDB or TT, got d"),
         (lambda d: d.assign_coords(time=d.time.astype("datetime64[s]")), {}, "TDB or TT, got dates"),
+        (lambda d: d.assign(sigma_magnitude=((), 20, {"units": "mmag"})), {}, "^sigma_magnitude: .* mag, got mmag"),
         (lambda d: d, {"rotation": (2e5, 1e5)}, "low < high"),
         (lambda d: d, {"rotation": (1.0, 2e5), "precession": (10.0, 4e4)}, "cells"),
-        (lambda d: d, {"modes": "middle"}, "modes"),
+        (lambda d: d.assign(apparition=0), {"modes": "middle", "shape": ("4 m", "2.6 m", "2.2 m")}, "^modes"),
     ):
         with pytest.raises(InputError, match=message):
             fit_light_curve(change(data), **good | arguments)

@@ -30,6 +30,7 @@ from kreisel.errors import InputError, RunError, doubt, explained, shown
 from kreisel.physical.free_body import FreeBody
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.physical.shapes import Facets
+from kreisel.record.units import stated_unit
 
 if TYPE_CHECKING:
     from kreisel.record.model import State
@@ -46,7 +47,7 @@ MOST, ALL = 40, 1e6  # of them; chi^2 above the least of solutions whose neighbo
 SLACK = 5.0  # chi^2 by which further steps may lower a solution in a flat valley
 SIGMAS, FINE = 3.5, 4  # of a lattice of cycles: its extent in errors, points to a cycle
 ALIKE = 4.0  # chi^2 by which a solution differs from a second one
-OFF = 4.0  # chi^2 per degree of freedom, beyond it the motion is a different one
+OFF = 4.0  # chi^2 per degree of freedom, beyond it the motion is a different one; below 1/OFF^2 the sigmas are wrong
 BLOCK = 30_000  # observations times motions at a time
 Photometry = tumbling.Photometry
 Motions = tuple[str, Array, Array]  # the mode, unknowns (k, 8), and chi^2
@@ -127,6 +128,8 @@ def fit_light_curve(
 
     Raises `InputError` for bad input and ranges with too many cells, `RunError` if no motion is found.
     """
+    if shape is not None and not isinstance(shape, Facets):
+        shape = si_numbers(shape, "m", "shape", ((3,),))
     seen, epoch = _seen(observations, shape, *_light(shape, law, phase))
     bounds = [si_numbers(v, "s", name, ((2,),)) for v, name in ((precession, "precession"), (rotation, "rotation"))]
     delta = si_number(delta, "1", "delta", positive=True)
@@ -184,6 +187,9 @@ def _seen(data: Any, shape: Any, light: Any, ball: Any) -> tuple[Photometry, flo
             f"time: expected seconds of a uniform scale, TDB or TT, got {unit if unit != 's' else 'dates'}. From "
             "Julian days: (jd - jd[0]) * 86400. UTC has leap seconds: TT - UTC is 69.184 s since 2017, 67.184 in 2013."
         )
+    for name in names[1:3]:
+        if (unit := stated_unit(data[name])) not in ("", "mag"):
+            raise InputError(f"{name}: expected mag, got {unit}. Convert it and its attribute units.")
     lost = int(np.count_nonzero(~np.isfinite(np.asarray(data["magnitude"].values, dtype=np.float64))))
     if lost:
         raise InputError(
@@ -205,13 +211,13 @@ def _seen(data: Any, shape: Any, light: Any, ball: Any) -> tuple[Photometry, flo
     order = np.argsort(time, kind="stable")
     time = time[order]
     if "apparition" in data.variables:
-        apparition = np.unique(np.asarray(data["apparition"].values)[order], return_inverse=True)[1]
+        apparition = np.unique(np.broadcast_to(data["apparition"], time.shape)[order], return_inverse=True)[1]
     else:
         apparition = np.append(0, np.cumsum(np.diff(time) > GAP))
     most = time[apparition == np.argmax(np.bincount(apparition))]
     epoch = float(most[0] + most[-1]) / 2
     ways = [(v / np.linalg.norm(v, axis=-1, keepdims=True))[order] for v in ways]
-    axes = None if shape is None or isinstance(shape, Facets) else np.asarray(shape, dtype=np.float64)
+    axes = None if isinstance(shape, Facets) else shape
     sun, observer = ways
     flux = ball(sun, observer)
     seen = Photometry(time - epoch, magnitude[order], sigma[order], sun, observer, apparition, flux, light, axes)
@@ -402,11 +408,13 @@ def _as_fit(seen: Photometry, motions: list[tuple[str, Array, Array]], epoch: fl
     order = np.argsort([row["chi2"] for row in rows])
     table = pd.DataFrame([rows[i] for i in order])
     dof = len(seen.time) - len(UNKNOWNS) - len(np.unique(seen.apparition))
-    if table["chi2"].iloc[0] > OFF * dof:
-        doubt(
-            f"fit_light_curve: expected a chi^2 of about {dof}, got {table['chi2'].iloc[0]:.4g}: no motion found fits. "
-            "Widen the ranges of the periods, or see the sigmas, the shape, and the directions of Sun and observer."
-        )
+    ratio = table["chi2"].iloc[0] / dof
+    if not 1 / OFF**2 < ratio < OFF:
+        cause = "sigma_magnitude is too large. Usual cause: mmag, or the errors of a flux."
+        if ratio > 1:
+            cause = "no motion found fits. Widen the ranges of the periods, or see the sigmas, the shape, and the "
+            cause += "directions of Sun and observer."
+        doubt(f"fit_light_curve: expected a chi^2 of about {dof}, got {ratio * dof:.4g}: {cause}")
     return TumblerFit(table, np.array(covariances)[order], dof, epoch, shape)
 
 
