@@ -112,6 +112,16 @@ def test_home(command: Commands, monkeypatch: pytest.MonkeyPatch) -> None:
     assert {"p.png", "e.csv", "c.toml"} <= {p.name for p in command.folder.iterdir()}
 
 
+def test_an_orbit_around_the_sun_is_exported_with_its_frame_and_centre(command: Commands) -> None:
+    body = kr.physical.Asteroid.toutatis()
+    kr.simulate(body, body.state((1e-5, 0, 1e-6)), dt="1 h", steps=2, path=command.folder / "a.zarr")
+    words = "export", "a.zarr", "a.oem", "--epoch", "2026-03-20", "--frame", "ICRF"
+    code, _, message = command(*words)
+    assert code == 2 and "--center SUN), got frame" in message
+    assert command(*words, "--center", "SUN")[0] == 0
+    assert "CENTER_NAME = SUN\nREF_FRAME = ICRF\n" in (command.folder / "a.oem").read_text()
+
+
 def test_figures_and_pages_are_replaced_where_it_was_said(command: Commands) -> None:
     assert command("run", "run.toml")[0] == 0
     before = (command.folder / "run.png").stat().st_mtime_ns

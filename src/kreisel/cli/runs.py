@@ -236,12 +236,16 @@ def export(
     overwrite: bool = opt("Replace the file if it exists.", "--overwrite", default=False),
     epoch: str | None = opt("The date of time 0, for .aem, .oem and .bc."),
     angles: str | None = opt("Add pitch, roll and yaw: orbit, lvlh, inertial or ground."),
+    frame: str | None = opt("The frame of space, for .aem, .oem and .bc, such as EME2000."),
+    center: str | None = opt("The primary, for .oem, such as SUN."),
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV, NPZ; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
     from kreisel.storage.exporting import export as write
     from kreisel.storage.messages import date_of
 
-    write(archive, out, overwrite=overwrite, epoch=None if epoch is None else date_of(epoch, "--epoch"), angles=angles)
+    date = None if epoch is None else date_of(epoch, "--epoch")
+    labels = {name: label for name, label in (("frame", frame), ("center", center)) if label is not None}
+    write(archive, out, overwrite=overwrite, epoch=date, angles=angles, **labels)
     say(f"{archive} -> {out}")
 
 

@@ -182,7 +182,8 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
     if not of_earth and not {"frame", *("center",) * (out.suffix.lower() == ".oem")} <= labels.keys():
         raise InputError(
             "frame, center: expected the frame of the elements and the primary of an orbit that is not of the Earth, "
-            "such as kr.export(run, 'body.oem', frame='EME2000', center='SUN'), got none."
+            "such as kr.export(run, 'body.oem', frame='EME2000', center='SUN') (--frame EME2000 --center SUN), got "
+            f"{', '.join(labels) or 'none'}."
         )
     if chosen["frame"] is None:
         turn = to_j2000(start) if dated else turn
