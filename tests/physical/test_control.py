@@ -321,6 +321,26 @@ def test_mistakes_are_named(mistake):
 
 
 @pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
+def by_density(density):
+    return {"torque": 1e-9 * np.array([1.0, 0, 0]) / density}
+
+
+@pytest.mark.parametrize(
+    ("control", "primary", "name"),
+    [
+        (kr.physical.bdot(1e-4), kr.physical.Primary("Moon", 4.9028e12, 1.7374e6), "the field"),
+        (kr.physical.magnetic_damping(1e-4), kr.physical.EARTH._replace(field=0.0), "the field"),
+        (kr.physical.Control(by_density), kr.physical.EARTH, "the density"),
+    ],
+)
+def test_a_law_that_divides_by_a_missing_field_is_named(control, primary, name):
+    """The message blamed the step."""
+    body = Satellite(TENSOR, Orbit.circular(LOW, 1.0, primary=primary), control=control)
+    with pytest.raises(kr.RunError, match=f"a law that divides by {name}, which is 0 there") as error:
+        kr.simulate(body, body.state(spin=SPIN), dt=1.0, steps=20, every=10)
+    assert "smaller dt" not in str(error.value)
+
+
 def test_derivatives_go_through_samples():
     """By a gain that is two samples late, against a difference; the motion is that of a run, bit for bit."""
     import jax

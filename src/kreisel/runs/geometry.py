@@ -276,24 +276,28 @@ def satellite_model(run: xr.Dataset) -> Model:
     return model.lanes(lanes_of(run, record.body_frame)) if model.batch and "lane" in run.coords else model
 
 
+def surroundings_at(model: Model, time: Array, lanes: int = 1) -> Surroundings:
+    """Orbit and environment of a satellite at times (rows,) in the unit of its model: (rows, lanes, ...) by name."""
+    force = cast("Force", cast("Perturbation", model.system.perturbation).environment)
+    parameters, rows = {name: np.asarray(model.constants[name]) for name in force.parameters}, []
+    for lane in range(model.batch[0] if model.batch else 1):
+        values = [value[lane] if value.ndim > model.axes[name] else value for name, value in parameters.items()]
+        rows.append(force.function(time, **force.named(values)))
+    rows = rows if model.batch else rows * lanes  # lanes on one orbit
+    return {
+        name: np.stack([np.broadcast_to(row[name], (*field.shape, len(time))).T for row in rows], 1)
+        for name, field in FIELDS.items()
+    }
+
+
 def surroundings(run: xr.Dataset) -> Surroundings:
     """Orbit and environment at each row, without `sun` and `light` if the run does not state a Sun.
 
     Raises `InputError` for any other run than of a satellite.
     """
     model = satellite_model(run)
-    force = cast("Force", cast("Perturbation", model.system.perturbation).environment)
-    parameters = {name: np.asarray(model.constants[name]) for name in force.parameters}
-    time, rows = np.asarray(run["time"].values, dtype=np.float64), []
-    for lane in range(model.batch[0] if model.batch else 1):
-        values = [value[lane] if value.ndim > model.axes[name] else value for name, value in parameters.items()]
-        rows.append(force.function(time, **force.named(values)))
-    rows = rows if model.batch else rows * run.sizes.get("lane", 1)  # lanes on one orbit
-    result = {
-        name: np.stack([np.broadcast_to(row[name], (*field.shape, len(time))).T for row in rows], 1)
-        for name, field in FIELDS.items()
-    }
-    sunny = np.any(model.constants["pressure"]) or np.any(parameters["solar"])
+    result = surroundings_at(model, np.asarray(run["time"].values, dtype=np.float64), run.sizes.get("lane", 1))
+    sunny = np.any(model.constants["pressure"]) or np.any(model.constants["solar"])
     result = result if sunny else {k: v for k, v in result.items() if k not in ("sun", "light")}
     return result if "lane" in run.dims else {name: value[:, 0] for name, value in result.items()}
 

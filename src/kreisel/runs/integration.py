@@ -252,7 +252,7 @@ class Integration:
 
         row = int(np.argmin(good.all(1)))
         step = self._step_of(self.flushed + row)
-        cause = cause or cause_of_no_numbers(self.plan, step)
+        cause = cause or cause_of_no_numbers(self.plan, step, int(np.argmin(good[row])))
         if self.faults is None:
             raise RunError(f"{text(step)}{in_lane(~good[row])}. Usual cause: {cause}")
         for lane in np.flatnonzero(~good.all(0)).tolist():

@@ -267,6 +267,7 @@ GOOD = 0.1  # rad a step
 PATIENCE = 10.0  # seconds of a run on arrays, beyond which it is announced
 MOST_REPEATED = 2000  # steps of a run that has failed
 TRIED, APART, HALVINGS = 4, 0.01, 12  # steps from the start; how far they may be from half steps; tries
+LOOKED = 60  # steps before a failure
 MOST_NUMBERS, SAMPLE = 10**5, 32  # entries of a state that is judged as such; lanes of a larger ensemble
 LONG_KICK = (
     "a step too long for its kicks, in which a torque, a force or a potential changes the motion by much (with dt = "
@@ -427,13 +428,31 @@ def _pade_error(order: int, angle: float) -> float:
     return math.exp(min(0.0, factorials + (order + 1) * math.log(angle)))
 
 
-def cause_of_no_numbers(plan: Plan, step: int) -> str:
-    """The usual cause of a state that is not finite at a step; for a splitting, whether shorter steps succeed."""
+def _sensors_at_zero(plan: Plan, step: int, lane: int) -> list[str]:
+    """Fields that a law reads and that vanish between the row before a step and this step."""
+    record = plan.model.system.perturbation
+    if record is None or record.control is None or record.environment is None:
+        return []
+    from kreisel.runs.geometry import surroundings_at
+
+    steps = np.unique(np.linspace(max(0, step - plan.every), step, LOOKED, dtype=int))
+    fields = surroundings_at(plan.model.lanes(np.array([lane])), plan.settings.t_start + plan.dt * steps)
+    zero = {k: (field.reshape(len(steps), -1) == 0).all(-1).any() for k, field in fields.items()}
+    return [name for name in record.control.arguments if zero.get(name)]
+
+
+def cause_of_no_numbers(plan: Plan, step: int, lane: int) -> str:
+    """The usual cause of a lane that is not finite at a step; for a splitting, whether shorter steps succeed."""
     if plan.scheme.name == "splitting" and step <= MOST_REPEATED:
         steps = _steps(plan)
         for halving in (3, 6):
             if steps(plan.dt / 2**halving, step * 2**halving) is not None:
                 return LONG_KICK.format(h=plan.dt / 2**halving)
+    if zeros := _sensors_at_zero(plan, step, lane):
+        return (
+            f"a law that divides by the {' or '.join(zeros)}, which is 0 there. Give the body this field (the "
+            "magnetic field of its primary in T m^3, or the Earth; a density of the air), or use another law."
+        )
     return (
         f"{of_forces(plan.model)}a step far too long, or a state so large that its square overflows. Use a smaller dt."
     )
