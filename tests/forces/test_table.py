@@ -184,7 +184,7 @@ def test_derivatives_and_languages() -> None:
 BAD: dict[str, tuple[Callable[[], object], str]] = {
     "not increasing": (lambda: kr.Table([0, 1, 1, 2], [1, 2, 3, 4]), "got 1 and then 1 at index 2"),
     "backwards": (lambda: kr.Table([0, 2, 1], [1, 2, 3]), "times that increase, got 2 and then 1"),
-    "NaN": (lambda: kr.Table([0, 1, 2], [1, np.nan, 3]), "expected finite values"),
+    "NaN": (lambda: kr.Table([0, 1, 2], [1, np.nan, 3]), "expected finite values, got nan at index 1"),
     "shapes": (lambda: kr.Table([0, 1, 2], [1, 2]), r"times of shape \(3,\) and values of shape \(2,\)"),
     "one time": (lambda: kr.Table([0], [1]), "at least two times"),
     "derivatives": (lambda: kr.Table([0, 1], [1, 2], [1, 2, 3]), r"of the shape \(2,\) of the values"),

@@ -71,6 +71,14 @@ FIRST, SECOND = (
 )
 TIMES = np.arange(0.0, 20_000.0, 600.0)
 MOVING = Orbit(7e6, 0.01, 0.9).at(TIMES)
+DAYS = [f"2026-02-{day}" for day in range(24, 30)]  # the last is none
+
+
+def with_row(values: np.ndarray, value: float) -> np.ndarray:
+    """Rows with another value at the first place of the row 3."""
+    out = np.array(values)
+    out.reshape(len(out), -1)[3, 0] = value
+    return out
 
 
 def through(z: float, part: float) -> Orbit:
@@ -107,6 +115,18 @@ BAD: dict[str, tuple[Callable[[], object], str]] = {
         "about equally spaced",
     ),
     "unsorted times": (lambda: Orbit.from_table(range(6, 0, -1), np.full((6, 3), 5e6)), "times that increase"),
+    "NaN in a row": (lambda: Orbit.from_table(TIMES, with_row(MOVING[0], np.nan)), "positions: .* nan at index 3, 0"),
+    "infinite": (lambda: Orbit.from_table(TIMES, MOVING[0], with_row(MOVING[1], np.inf)), "velocities: .*index 3, 0"),
+    "inside": (
+        lambda: Orbit.from_table(TIMES, np.where(np.arange(len(TIMES))[:, None] == 3, 9.0, MOVING[0])),
+        "from its centre at index 3",
+    ),
+    "times twice": (lambda: Orbit.from_table(with_row(TIMES, TIMES[2]), MOVING[0]), "and then .* at index 3"),
+    "no such day": (lambda: Orbit.from_table(DAYS, MOVING[0][: len(DAYS)]), r"times\[5\]: .*2026-02-29"),
+    "no date": (
+        lambda: Orbit.from_table(np.array([*DAYS[:5], "NaT"], "M8[s]"), MOVING[0][: len(DAYS)]),
+        r"times\[5\]: .*NaT",
+    ),
     "velocities in km/s": (lambda: Orbit.from_table(TIMES, MOVING[0], MOVING[1] / 1e3), "cause: km/s for m/s"),
     "of the rotating Earth": (
         lambda: Orbit.from_table(TIMES, MOVING[0], MOVING[1] - np.cross((0, 0, 7.292e-5), MOVING[0])),

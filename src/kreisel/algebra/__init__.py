@@ -18,6 +18,7 @@ from kreisel.algebra.backend import (
     Array as Array,
     complex_number as complex_number,
     conjugate as conjugate,
+    first_not_finite as first_not_finite,
     floats as floats,
     holds_objects as holds_objects,
     identity as identity,

@@ -336,6 +336,13 @@ def floats(value: Any) -> Array:
     return np.asarray(np.nan)
 
 
+def first_not_finite(array: Array) -> str:
+    """The first entry of an array that is not finite, with its index and the usual cause; "" for a scalar."""
+    place = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
+    index = ", ".join(map(str, place))
+    return f"{array[place]:g} at index {index}. Usual cause: a missing value; leave its row out" if place else ""
+
+
 def lanes_in_front(value: Any) -> Any:
     """Array of xarray at one time with its axis `lane` in front: products of arrays may have it elsewhere.
 

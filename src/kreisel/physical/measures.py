@@ -71,7 +71,7 @@ def finite_floats(value: Any, unit: str, name: str) -> Array:
     """Finite floats of any shape, in SI or with units.  Raises `InputError`."""
     array = floats(si(value, unit, name))
     if not np.isfinite(array).all():
-        raise InputError(f"{name}: expected finite values, got {shown(value)}.")
+        raise InputError(f"{name}: expected finite values, got {algebra.first_not_finite(array) or shown(value)}.")
     return array
 
 

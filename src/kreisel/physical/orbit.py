@@ -17,7 +17,7 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import orbit as formulas_of_orbits
 from kreisel.errors import InputError, InputWarning, doubt, explained, shown
 from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, si_numbers
-from kreisel.record.table import EMPTY, Reader, Table, form_of
+from kreisel.record.table import EMPTY, Reader, Table, form_of, require_increasing
 from kreisel.runs.geometry import orbit_frame
 
 formulas = cast("Any", formulas_of_orbits)  # of a page, without types
@@ -74,7 +74,7 @@ AHEAD_OF_UTC = {"TDB": 69.184, "TT": 69.184, "TAI": 37.0, "GPS": 18.0}  # s
 J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
 
 
-def _date(epoch: Any) -> dt.datetime | None:
+def _date(epoch: Any, name: str = "epoch") -> dt.datetime | None:
     """A date in UTC, from ISO text, a date of Python, NumPy, pandas, astropy; None for None.  Raises `InputError`."""
     if epoch is None:
         return None
@@ -84,7 +84,7 @@ def _date(epoch: Any) -> dt.datetime | None:
         scale = (scale or "").upper()
         if scale in AHEAD_OF_UTC:
             raise InputError(
-                f"epoch: expected a date in UTC, got {scale}, which is {AHEAD_OF_UTC[scale]:g} s ahead since 2017. "
+                f"{name}: expected a date in UTC, got {scale}, which is {AHEAD_OF_UTC[scale]:g} s ahead since 2017. "
                 "Subtract these seconds, and leave the scale out."
             )
         epoch = day if scale == "UTC" else epoch
@@ -96,7 +96,7 @@ def _date(epoch: Any) -> dt.datetime | None:
         return date.replace(tzinfo=dt.UTC) if date.tzinfo is None else date.astimezone(dt.UTC)
     except (AttributeError, TypeError, ValueError, OverflowError):
         raise InputError(
-            f"epoch: expected a date in UTC such as '2026-03-20T14:46:00', or a datetime, got {shown(epoch)}."
+            f"{name}: expected a date in UTC such as '2026-03-20T14:46:00', or a datetime, got {shown(epoch)}."
         ) from None
 
 
@@ -289,33 +289,35 @@ class Orbit:
         Warns with `InputWarning` if most accelerations are not mu/r^2, as in a frame that rotates with the Earth, and
         of rows too far apart: without velocities fewer than about ten in a revolution, with velocities eight.
         """
-        t, epoch = None, _date(epoch)
+        t, epoch, dated = None, _date(epoch), False
         with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):  # of values with units
             dates = np.asarray([times] if isinstance(times, str) else _of_astropy(times))
-            if dates.dtype.kind in "MUO":
-                from kreisel.storage.messages import leap_seconds
+            kind = dates.dtype.kind if dates.ndim == 1 else ""
+            dated = kind == "M" or (kind in ("U", "O") and _date(dates[0]) is not None)
+        if dated:
+            from kreisel.storage.messages import leap_seconds
 
-                days: list[Any] = [_date(day) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
-                days.insert(0, epoch or days[0])
-                utc = np.array([day.replace(tzinfo=None) for day in days], dtype="datetime64[us]")
-                t = (utc - utc[0]) / np.timedelta64(1, "s") + leap_seconds(utc) - leap_seconds(utc[0])
-                t, epoch = t[1:], days[0]
+            rows = enumerate(dates if dates.dtype.kind == "M" else dates.tolist())
+            days: list[Any] = [_date("None" if day is None else day, f"times[{i}]") for i, day in rows]
+            days.insert(0, epoch or days[0])
+            utc = np.array([day.replace(tzinfo=None) for day in days], dtype="datetime64[us]")
+            t = (utc - utc[0]) / np.timedelta64(1, "s") + leap_seconds(utc) - leap_seconds(utc[0])
+            t, epoch = t[1:], days[0]
         t = finite_floats(times, "s", "times") if t is None else t
-        r = si_numbers(positions, "m", "positions")
-        v = None if velocities is None else si_numbers(velocities, "m/s", "velocities")
+        r = finite_floats(positions, "m", "positions")
+        v = None if velocities is None else finite_floats(velocities, "m/s", "velocities")
         primary = _checked(primary)
         if t.ndim != 1 or len(t) <= MOST_DEGREE or r.shape != (len(t), 3) or (v is not None and v.shape != r.shape):
             raise InputError(
                 f"from_table: expected six or more times (k,), and positions and velocities (k, 3), got times of shape "
                 f"{t.shape}, positions of shape {r.shape}."
             )
-        if not (np.diff(t) > 0).all():
-            raise InputError(f"times: expected times that increase, got {shown(times)}. Sort the rows by time.")
-        least = np.linalg.norm(r, axis=-1).min()
-        if least <= primary.radius:
+        require_increasing(t, "times")
+        distances = np.linalg.norm(r, axis=-1)
+        if (least := distances.min()) <= primary.radius:
             raise InputError(
-                f"positions: expected positions outside the {primary.name}, got one at {least:g} m from its centre. "
-                "Usual cause: km for m."
+                f"positions: expected positions outside the {primary.name}, got {least:g} m from its centre at index "
+                f"{distances.argmin()}. Usual cause: km for m."
             )
         return cls._near(t, r, v, primary, epoch)._along(t, r, v)
 

@@ -98,13 +98,7 @@ class Table:
                 f"Table: expected at least two times (k,) and values (k,) or (k, components), got times of shape "
                 f"{t.shape} and values of shape {y.shape}."
             )
-        late = np.flatnonzero(np.diff(t) <= 0)
-        if late.size:
-            i = int(late[0])
-            raise InputError(
-                f"Table: expected times that increase, got {t[i]:g} and then {t[i + 1]:g} at index {i + 1}. Usual "
-                "cause: a time twice, or a log that is not sorted: numpy.unique(times, return_index=True) mends both."
-            )
+        require_increasing(t, "Table")
         if kind not in KINDS or not isinstance(hold, bool):
             raise InputError(f"Table: expected kind='spline' or 'pchip' and hold=True or False, got {shown(kind)}.")
         if derivatives is None:
@@ -156,10 +150,21 @@ class Table:
         return f"<kreisel table: {count:,} times from {first:g} to {last:g}, {kind}>"
 
 
+def require_increasing(t: Array, name: str) -> None:
+    """Raises `InputError` for times that do not increase."""
+    late = np.flatnonzero(np.diff(t) <= 0)
+    if late.size:
+        i = int(late[0])
+        raise InputError(
+            f"{name}: expected times that increase, got {t[i]:g} and then {t[i + 1]:g} at index {i + 1}. Usual cause: "
+            "a time twice, or a log that is not sorted: numpy.unique(times, return_index=True) mends both."
+        )
+
+
 def _floats(value: Any, name: str) -> Array:
     array = algebra.floats(value)
     if not np.isfinite(array).all():
-        raise InputError(f"Table: expected finite {name}, got {shown(value)}. Usual cause: NaN for a missing value.")
+        raise InputError(f"Table: expected finite {name}, got {algebra.first_not_finite(array) or shown(value)}.")
     return array
 
 
