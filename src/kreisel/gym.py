@@ -84,6 +84,8 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
         turns, spins = (self.np_random.normal(size=(self.num_envs, count)) for count in (4, 3))
         start = {"attitude": unit(turns), "spin": spins * self.rates, **(options or {})}
         state, self._count = self._motion.to(self._body.state(**start), 0.0), 0
+        if wrong := {len(value) for value in state.values() if value.ndim > 1} - {1, self.num_envs}:
+            raise InputError(f"options: expected values for one lane or {self.num_envs} lanes, got {min(wrong)}.")
         self._state = {name: np.zeros((self.num_envs, 1)) + value for name, value in state.items()}
         if "seen" in state:  # by the sample at 0
             self._state["seen"] = self._motion.to(self._state, self.every, 0.0)["seen"]
@@ -114,6 +116,7 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
         seen = self._observed()
         angle = 2 * np.arctan2(np.linalg.norm(seen[:, 1:4], axis=-1), seen[:, 0])
         reward = np.asarray(self.reward(angle, seen[:, 4:7], action), dtype=np.float64)
-        if reward.shape != angle.shape:
-            raise InputError(f"reward: expected a value for each lane, {angle.shape}, got the shape {reward.shape}.")
+        if reward.shape != angle.shape or np.isnan(reward).any():
+            got = "NaN" if reward.shape == angle.shape else f"the shape {reward.shape}"
+            raise InputError(f"reward: expected a value for each lane, {angle.shape}, got {got}.")
         return seen, reward, none, none | (self._count == self._steps), {}

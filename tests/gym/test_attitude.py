@@ -129,11 +129,25 @@ def test_one_spin_or_one_attitude_for_all_lanes() -> None:
     np.testing.assert_allclose(seen[:, :4], np.tile(attitude, (LANES, 1)), atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    "options", [{"spin": np.ones((2, 3))}, {"spin": np.ones((2, 3)), "attitude": [(1, 0, 0, 0)] * 2}]
+)
+def test_options_of_other_lanes(options: dict[str, Any]) -> None:
+    with pytest.raises(
+        kr.InputError, match=r"do not fit: momentum \(2,\)|expected values for one lane or 4 lanes, got 2"
+    ):
+        environment().reset(options=options)
+
+
 def test_a_reward_has_a_value_for_each_lane() -> None:
-    for wrong in (lambda angle, rates, action: 0.0, lambda angle, rates, action: rates):
+    for wrong, got in (
+        (lambda *_: 0.0, "the shape"),
+        (lambda angle, rates, _: rates, "the shape"),
+        (lambda angle, *_: angle * np.nan, "NaN"),
+    ):
         envs = environment(reward=wrong)
         envs.reset()
-        with pytest.raises(kr.InputError, match=r"reward: expected a value for each lane, \(4,\), got the shape"):
+        with pytest.raises(kr.InputError, match=rf"reward: expected a value for each lane, \(4,\), got {got}"):
             envs.step(np.zeros((LANES, 3)))
 
 

@@ -1,5 +1,7 @@
 """Controllers of bodies that are not on an orbit, against Euler's equations in the body axes; wheels; mistakes."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -114,6 +116,31 @@ def test_wheels_of_a_free_body_and_their_motors_keep_the_momentum_in_space():
     assert (np.diff(rate) < 0).all() and rate[-1] < 0.7 * rate[0]
 
 
+@pytest.mark.parametrize("command", [None, "torque", "wheel_torque"])
+def test_a_limit_that_no_motor_heeds_is_doubted(command):
+    """The first wheel reaches the limit after (3 - 1)/0.01 = 200 s, the second after 100 s, if no law commands them."""
+    law = command and kr.Control(lambda time: {command: np.zeros(3) + 0 * time}, every=10.0)
+    wheels = Wheels(np.eye(3), (1e-3, -2e-3, 0), torque=(1e-5, -1e-5, 0), limit=3e-3)
+    heeds = command == "wheel_torque"
+    with nullcontext() if heeds else pytest.warns(kr.InputWarning, match="beyond its limit after 100 s"):
+        run = kr.simulate(body := FreeBody(TENSOR, wheels=wheels, control=law), body.state((0, 0, 0)), dt=10, t_end=500)
+    ends = (3e-3, -3e-3, 0) if heeds else (6e-3, -7e-3, 0)
+    assert run.wheels.values[-1] == pytest.approx(ends, abs=1e-15)
+
+
+THREE = np.tile((1, 0, 0, 0), (3, 1))
+
+
+def turned(**state):
+    return kr.propagator(FreeBody(TENSOR), dt=0.1, orientation=True).to(state, 1.0)
+
+
+def test_an_attitude_of_all_lanes():
+    momenta = np.eye(3)[:2]
+    state, every = (turned(momentum=momenta, attitude=q) for q in (THREE[0], THREE[:2]))
+    assert all((state[name] == every[name]).all() for name in every)
+
+
 def stepped(**further):
     return kr.propagator(FreeBody(TENSOR), dt=0.1).steps({"momentum": (1, 0, 0), **further}, 1)
 
@@ -130,6 +157,18 @@ MISTAKES = {
         "Lane 1: expected the functions",
     ),
     "a state with the wheels of another body": (lambda: stepped(wheels=(0, 0, 1)), "momentum, got 'wheels' too"),
+    "a state of a momentum and an attitude, swapped": (
+        lambda: turned(momentum=(1, 0, 0, 0), attitude=(1, 0, 0)),
+        r"3 values of momentum, or \(lanes, 3\), got",
+    ),
+    "a state of two momenta and three attitudes": (
+        lambda: turned(momentum=np.ones((2, 3)), attitude=THREE),
+        r"do not fit: momentum \(2,\), attitude \(3,\)",
+    ),
+    "a run of two momenta and three attitudes": (
+        lambda: kr.simulate(FreeBody(TENSOR), FreeBody(TENSOR).state(np.ones((2, 3)), attitude=THREE), dt=1, steps=1),
+        r"parameters \(\), M \(2,\), g \(3,\)",
+    ),
     "a state with an attitude": (
         lambda: stepped(attitude=(1, 0, 0, 0)),
         r"momentum, got 'attitude' too.*orientation=T",

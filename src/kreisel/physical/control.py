@@ -19,7 +19,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.gradient import exp, traced
 from kreisel.algebra.random import GENERATOR, streams
 from kreisel.bodies.orbit import arcsine
-from kreisel.errors import InputError, explained, hint, shown
+from kreisel.errors import InputError, doubt, explained, hint, shown
 from kreisel.forces import control as sampling
 from kreisel.forces.control import BIAS, COMMANDS, DEVIATION, LIMIT, QUEUE, SENSORS, WHEEL_LIMIT
 from kreisel.forces.kicks import BODY_AXES, HELD, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
@@ -54,7 +54,7 @@ class Wheels:
     axes      (k, 3), of length 1, along the body axes
     momenta   (k,) or one, N m s, of the wheels about their axes at t = 0
     torque    (k,) or one, N m, of the motors: steady, on the wheels, in addition to the torques of a controller
-    limit     (k,) or one, N m s: the largest momentum, beyond which the motors of a controller do not go
+    limit     (k,) or one, N m s: the largest momentum, beyond which motors do not go if a law commands wheel_torque
     """
 
     axes: Any
@@ -226,7 +226,16 @@ def controlled_by(model: Model, control: Control | None, wheels: Wheels | None) 
     if wheels is not None:
         of_wheels |= {WHEEL_AXES: wheels.axes, WHEEL_TORQUE: wheels.torque}
         of_wheels |= {} if wheels.limit is None else {WHEEL_LIMIT: wheels.limit}
-    return sampling.with_wheels(model, of_wheels) if control is None else control.on(model, wheels, of_wheels)
+    model = sampling.with_wheels(model, of_wheels) if control is None else control.on(model, wheels, of_wheels)
+    commands = cast("Controller", perturbation_of(model.system).control).commands
+    if wheels is not None and wheels.limit is not None and wheels.torque.any() and WHEEL_TORQUE not in commands:
+        with np.errstate(divide="ignore"):
+            passed = ((wheels.limit - np.sign(wheels.torque) * wheels.momenta) / abs(wheels.torque)).min()
+        doubt(
+            f"wheels: the steady torque accelerates a wheel beyond its limit after {passed:.4g} s: motors stop at it "
+            "only if a law commands wheel_torque. Give such a law; its command may be 0."
+        )
+    return model
 
 
 def at_the_start(model: Model, control: Control | None, wheels: Wheels | None, lanes: int) -> dict[str, Array]:

@@ -23,6 +23,7 @@ from kreisel.record.values import (
     SKEW_TOLERANCE,
     axes_of,
     by_lane,
+    common_batch,
     component,
     of_axial,
     parameter,
@@ -135,17 +136,12 @@ class Model:
             if p.check is not None:
                 check, array = partial(_check, p), self.params[p.letter]
                 by_lane(check, array, single=partial(axes_of, p))
-        batches = [
-            v.shape[: v.ndim - axes_of(p, v)] for p, v in zip(system.parameters, self.params.values(), strict=True)
-        ]
-        try:
-            self.batch = np.broadcast_shapes(*batches)
-        except ValueError:
-            shapes = ", ".join(f"{k} {b}" for k, b in zip(self.params, batches, strict=True))
-            raise InputError(f"The batch axes of the parameters of {system.name} do not fit: {shapes}.") from None
+        items = zip(system.parameters, self.params.items(), strict=True)
+        batches = {letter: v.shape[: v.ndim - axes_of(p, v)] for p, (letter, v) in items}
+        self.batch = common_batch(f"the parameters of {system.name}", batches)
         spread = {
             k: np.broadcast_to(v, self.batch + v.shape[len(b) :])
-            for (k, v), b in zip(self.params.items(), batches, strict=True)
+            for (k, v), b in zip(self.params.items(), batches.values(), strict=True)
         }
         if system.checks.parameters is not None:
             call(system.checks.parameters, (), spread)

@@ -219,14 +219,24 @@ def _three_by_three(array: Array, letter: str, lanes: bool, three_lanes: bool) -
     )
 
 
+def common_batch(subject: str, batches: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
+    """The batch of values whose batches these are, by name.  Raises `InputError`."""
+    if len(set(batches.values())) == 1:
+        return next(iter(batches.values()))
+    try:
+        return np.broadcast_shapes(*batches.values())
+    except ValueError:
+        shapes = ", ".join(f"{name} {batch}" for name, batch in batches.items())
+        raise InputError(
+            f"The batch axes of {subject} do not fit: {shapes}. Give each of them the same lanes, or one value for all "
+            "lanes, whose batch is ()."
+        ) from None
+
+
 def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array], most: float = SKEW_TOLERANCE) -> None:
     """Raises `InputError` for components whose batches do not fit, or a state off the phase space by over `most`."""
-    batches = [v.shape[: v.ndim - algebra.KINDS[k].axes] for v, k in zip(parts.values(), space.kinds, strict=True)]
-    if any(batch != batches[0] for batch in batches):
-        try:
-            np.broadcast_shapes(*batches)
-        except ValueError:
-            raise InputError(f"The batch axes of the components do not fit: {batches}.") from None
+    kinds = zip(parts.items(), space.kinds, strict=True)
+    common_batch("the components", {letter: v.shape[: v.ndim - algebra.KINDS[k].axes] for (letter, v), k in kinds})
     for formula, constraint in space.constraints.items():
         off = algebra.magnitude(constraint(*parts.values()))
         sizes = [np.zeros_like(v) + algebra.magnitude(v) for v in parts.values()]

@@ -23,6 +23,7 @@ from kreisel.method.scheme import ORIENTATION, Flow, Orbits, with_orientation
 from kreisel.process import spent_on
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import require_bodies
+from kreisel.record.values import common_batch
 from kreisel.runs.settings import LARGE, MOST_STEPS, WHOLE, Event, Settings, count_of_rows, initial_orientation
 
 if TYPE_CHECKING:
@@ -338,13 +339,9 @@ def _lanes(
     """
     count = len(model.system.space.letters)
     components = with_orientation(model, len(parts) > count)
-    batches = [z.shape[: z.ndim - algebra.KINDS[kind].axes] for z, (_, kind) in zip(parts, components, strict=True)]
-    batch = model.batch
-    if any(b != batch for b in batches):
-        try:
-            batch = np.broadcast_shapes(batch, *batches)
-        except ValueError:
-            raise InputError(f"The batch axes do not fit: parameters {model.batch}, state {batches[:count]}.") from None
+    kinds = zip(parts, components, strict=True)
+    batches = {letter: z.shape[: z.ndim - algebra.KINDS[kind].axes] for z, (letter, kind) in kinds}
+    batch = common_batch("parameters and state", {"parameters": model.batch, **batches})
     if 0 in batch:
         raise InputError("At least one lane was expected, got a batch of none. Check how the batch was made.")
     if len(batch) > 1:
@@ -352,7 +349,7 @@ def _lanes(
     require_bodies(model, batch)
     spread = tuple(
         np.array(p if b == batch else np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
-        for p, b in zip(parts, batches, strict=True)
+        for p, b in zip(parts, batches.values(), strict=True)
     )
     plan, large = plan.on(spread, points), None
     if engine == "large" or (engine is None and plan.n >= LARGE):

@@ -21,6 +21,7 @@ from kreisel.method.scheme import ORIENTATION, Flow, Orbits
 from kreisel.record.body import Body, as_body
 from kreisel.record.calling import keywords
 from kreisel.record.model import Model, State
+from kreisel.record.values import common_batch
 from kreisel.runs.in_si import duration, matrix_of, times_of
 from kreisel.runs.propagation.forms import DOUBLE
 from kreisel.runs.propagation.stepper import AT_ZERO, NONE, Signs, Stepper, number_of
@@ -378,12 +379,17 @@ class BodyPropagator:
             )
         else:
             named = {letter: state[name] for name, (letter, _) in self._places.items()}
-        arrays = {letter: algebra.floats(named[letter]) for letter in self._motion.letters}
-        parts = [array[..., None] if letter in self._numbers else array for letter, array in arrays.items()]
-        if isinstance(state, State):  # in units of the model; its attitude or its momentum may be that of all lanes
-            lanes = np.broadcast_shapes(*(x.shape[:-1] for x in parts))
-            return np.concatenate([np.broadcast_to(x, (*lanes, x.shape[-1])) for x in parts], -1)
-        return self._changed(np.concatenate(parts, -1), self._into)
+        parts = []
+        for name, (letter, place) in self._places.items():
+            x = algebra.floats(named[letter])
+            parts.append(x[..., None] if letter in self._numbers else x)
+            if parts[-1].shape[-1:] != (size := place.stop - place.start,):
+                raise InputError(f"The state: expected {size} values of {name}, or (lanes, {size}), got {shown(x)}.")
+        batch = common_batch("the state", {name: x.shape[:-1] for name, x in zip(self.names, parts, strict=True)})
+        if any(x.shape[:-1] != batch for x in parts):  # the attitude or the momentum may be that of all lanes
+            parts = [np.broadcast_to(x, (*batch, *x.shape[-1:])) for x in parts]
+        x = np.concatenate(parts, -1)
+        return x if isinstance(state, State) else self._changed(x, self._into)  # a `State` is in units of the model
 
     def _changed(self, x: Array, by: Array) -> Array:
         if x.shape[-1:] != (self.size,):
