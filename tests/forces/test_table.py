@@ -172,8 +172,11 @@ def test_derivatives_and_languages() -> None:
     states = [{**START.axial, "m": np.array([0.1 + x, 0.2, 1.5])} for x in (-1e-6, 0.0, 1e-6)]
     before, _, after = (p.steps(x, 40, time=0.0)["m"][2] for x in states)
     with double():
-        slope = jax.grad(lambda x: f(x, dt=0.05, steps=40)["m"][2])(states[1])["m"][0]
-    assert float(slope) == pytest.approx((after - before) / 2e-6, rel=1e-6)
+        slope = jax.jit(jax.grad(lambda x: f(x, dt=0.05, steps=40)["m"][2]))
+        left, at, right = (slope(x)["m"] for x in states)
+        second = jax.jvp(slope, (states[1],), ({"m": np.eye(3)[0], "a": np.zeros(3)},))[1]["m"]
+    assert float(at[0]) == pytest.approx((after - before) / 2e-6, rel=1e-6)
+    assert np.asarray(second) == pytest.approx(np.asarray(right - left) / 2e-6, rel=1e-5, abs=1e-7)
     run = kr.simulate(by_tables(), START, **RUN)
     with pytest.raises(kr.InputError, match=r"free: expected parameters or components of .*, got 'load'"):
         kr.fit(by_tables(), run, free=["load"])

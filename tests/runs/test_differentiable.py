@@ -21,6 +21,7 @@ from kreisel.kernels import jax_numbers as by
 from kreisel.kernels.jax_numbers import numbers
 from kreisel.method import scheme
 from kreisel.method.baecklund import Product
+from kreisel.method.scheme import Steps
 from kreisel.runs.differentiable import constants_of
 from kreisel.runs.examples import example
 from sizes import FULL, PAPER
@@ -355,7 +356,7 @@ def test_a_loop_has_the_derivative_of_its_fixed_point() -> None:
         return (X[0],)
 
     def fixed(c: Any) -> Any:
-        return by.orbit(step, None, ["R^1"], 1, jnp.zeros(1), {"c": numbers(c)}, {}, 1, 1)[1, 0]
+        return by.orbit(Steps(step), ["R^1"], 1, jnp.zeros(1), {"c": numbers(c)}, {}, 1, 1)[1, 0]
 
     with red.double():
         c = jnp.array([0.6])

@@ -68,18 +68,27 @@ def _without_branches(part: Part) -> Part:
 
 
 class Code:
-    """Kernels of a step: `stage` for each row of s, then `close`, compiled when they are first used.
+    """Kernels of a step: its first part for each row of s, then the second, if any, compiled when they are first used.
 
     constants, of_stage   how many entries c and a row of s have
+    curved                the parts for derivatives of the second order and beyond; None: the same
     Codes of the same operations are equal, so JAX compiles their callers once.
     """
 
-    def __init__(self, stage: Part, close: Part | None, constants: int, of_stage: int):
-        self.stage, self.close, self.sizes = stage, close, (len(stage.outputs), constants, of_stage)
-        self._parts = [Part(*arranged(*part)) for part in ([stage] if close is None else [stage, close])]
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        constants: int,
+        of_stage: int,
+        curved: Sequence[Part] | None = None,
+    ):
+        self.curved, self.sizes = curved or parts, (len(parts[0].outputs), constants, of_stage)
+        self._loops = any(part.graph.loops or part.graph.branches for part in parts)
+        self._parts = [Part(*arranged(*part)) for part in parts]
         self._work = SCALAR * sum(len(part.graph.needed(part.outputs)) for part in self._parts)
         self._key = self.sizes, *(part.graph.digest(part.outputs) for part in self._parts)
         self._kernels: dict[Any, Kernel] = {}
+        self._tangents: dict[bool, Code] = {}
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Code) and self._key == other._key
@@ -92,12 +101,26 @@ class Code:
         """The count of the entries of a state."""
         return self.sizes[0]
 
+    def with_tangent(self, wide: bool) -> Code:
+        """The code of (z, v) -> (step(z), J v), v a tangent of z; if `wide`, c and s are followed by tangents too."""
+        result = self._tangents.get(wide)
+        if result is None:
+            parts, (_, c, s) = [self._with_tangent(part, wide) for part in self.curved], self.sizes
+            result = self._tangents[wide] = Code(parts, c * (1 + wide), s * (1 + wide))
+        return result
+
+    def _with_tangent(self, part: Part, wide: bool) -> Part:
+        graph, sizes = Graph(), dict(zip("zcs", self.sizes, strict=True))
+
+        def inputs(letter: str, i: int) -> Number:
+            return graph.input(letter[-1], i + sizes[letter[-1]] * (len(letter) - 1))
+
+        return Part(graph, as_operands(evaluated(*pushed(*part, "" if wide else "cs"), inputs)))
+
     @cached_property
     def straight(self) -> bool:
         """Whether kernels can be made of it: there is no loop and no branch, and it is not too long."""
-        parts = (part for part in (self.stage, self.close) if part is not None)
-        plain = all(not part.graph.loops and not part.graph.branches for part in parts)
-        return plain and all(len(part.graph.needed(part.outputs)) < MOST_NODES for part in self._parts)
+        return not self._loops and all(len(part.graph.needed(part.outputs)) < MOST_NODES for part in self._parts)
 
     def _kernel(
         self, write: Callable[..., None], arguments: int, derive: Callable[..., Any] | None, *options: Any

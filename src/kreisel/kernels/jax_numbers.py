@@ -1,9 +1,9 @@
 """Definitions on JAX: compiled motions as primitives, a number that is in NumPy's object arrays, and orbits of steps.
 
-The primitives are an orbit, its tangent map (`push`) and the transpose of that (`pull`).  Each is linear in the
-arguments of its derivative, so JAX makes jvp, grad, vmap and scan of them; derivatives of the second order come from
-the same record, by XLA.  All arguments are rows of lanes: z (l, d), c (l, constants), s (l, stages, of a stage);
-tangents and slopes have a second axis of columns.
+The primitives are an orbit, its tangent map (`push`), the transpose of that (`pull`), and the derivative of `pull` by
+the orbit (`bend`).  Each is linear in the arguments of its derivative, so JAX makes jvp, grad, vmap and scan of them.
+Derivatives of higher order are those of the orbit of a state and its tangent.  All arguments are rows of lanes:
+z (l, d), c (l, constants), s (l, stages, of a stage); tangents and slopes have a second axis of columns.
 
 Exact zeros and ones of numbers fold away as they do in a graph; a step, which may have a loop, is recorded as one.
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from functools import partial
 from math import isqrt
 from typing import Any
 
@@ -29,6 +30,7 @@ from kreisel.graph import graph as ops
 from kreisel.graph.graph import Graph, array_of, evaluated, integer_power
 from kreisel.kernels import adjoint
 from kreisel.kernels.adjoint import Code, Part
+from kreisel.method.scheme import Steps
 from kreisel.reduction import numerics
 from kreisel.reduction.numerics import jax, on_host, require_double
 
@@ -84,7 +86,7 @@ def _pull_shapes(z: Any, c: Any, s: Any, marks: Any, g: Any, *, wide: bool, **_:
     return [_array(*lead, z.shape[1]), *shapes]
 
 
-# -- the same by XLA, for loops and long steps, and for derivatives of higher order -----------------------
+# -- the same by XLA, for loops and long steps ------------------------------------------------------------
 
 
 def _looped(body: Callable[[Any], Sequence[Any]], start: Sequence[Any], small: float, most: int) -> list[Any]:
@@ -116,7 +118,7 @@ def _stacked(values: Sequence[Any]) -> Any:
 
 def _entry(*_: Any) -> Any:
     raise InputError(
-        "kr.Table: expected first derivatives of compiled steps, got second ones, or a step that is not compiled. "
+        "kr.Table: expected derivatives of compiled steps, got those of a step with a loop, or too long for kernels. "
         "Write the values as a formula of t, or difference first derivatives."
     )
 
@@ -147,8 +149,10 @@ def rows_by_xla(code: Code, z: Any, c: Sequence[Any], s: Any, rows: int, every: 
     fixed = {("c", i): v for i, v in enumerate(c) if isinstance(v, float)}
     moving = [("c", i) for i in range(len(c)) if ("c", i) not in fixed]
     letters = [*(("z", i) for i in range(code.dim)), *moving]
-    stage = _on_jax(code.stage, [*letters, *(("s", i) for i in range(s.shape[1]))], fixed)
-    close = None if code.close is None else _on_jax(code.close, letters, fixed)
+    stage, *close = (
+        _on_jax(part, [*letters, *extra], fixed)
+        for part, extra in zip(code.curved, ([("s", i) for i in range(s.shape[1])], []), strict=False)
+    )
 
     def step(z: Any, constants: Any) -> Any:
         c, s = constants
@@ -156,52 +160,55 @@ def rows_by_xla(code: Code, z: Any, c: Sequence[Any], s: Any, rows: int, every: 
             z = jnp.stack(stage(*z, *c, *s[0]))
         else:
             z, _ = lax.scan(lambda z, row: (jnp.stack(stage(*z, *c, *row)), None), z, s)
-        return z if close is None else jnp.stack(close(*z, *c))
+        return jnp.stack(close[0](*z, *c)) if close else z
 
     return iterated(step, z, ([c[i] for _, i in moving], s), rows, every)
 
 
-def _moving(code: Code, rows: int, every: int, *start: Any) -> Callable[..., Any]:
-    """The rows as a function of the first of z, c, s: a column of a derivative costs XLA some seconds."""
-
-    def function(*moving: Any) -> Any:
-        z, c, s = (*moving, *start[len(moving) :])
-        return rows_by_xla(code, z, c, s, rows, every)[1:]
-
-    return function
+# -- second derivatives, by the code of a state and its tangent -----------------------------------------------
 
 
-def _push_by_xla(*args: Any, code: Code, rows: int, every: int, length: int, wide: bool) -> list[Any]:
-    def lane(z: Any, c: Any, s: Any, *along: Any) -> Any:
-        function, at = _moving(code, rows, every, z, c, s), (z, c, s)[: len(along)]
-        return jax.vmap(lambda *along: jax.jvp(function, at, along)[1])(*along)
-
-    z, c, s, _, *along = args
-    return [jax.vmap(lane)(z, c, s, *along)]
+def _with_tangents(start: Sequence[Any], along: Sequence[Any]) -> list[Any]:
+    """Rows (z, dz), and (c, dc) and (s, ds) if they have tangents."""
+    return [jnp.concatenate([x, v], -1) for x, v in zip(start, along, strict=False)] + [*start[len(along) :]]
 
 
-def _pull_by_xla(*args: Any, code: Code, rows: int, every: int, length: int, wide: bool) -> list[Any]:
-    def lane(z: Any, c: Any, s: Any, g: Any) -> Any:
-        at = (z, c, s) if wide else (z,)
-        return jax.vmap(jax.vjp(_moving(code, rows, every, z, c, s), *at)[1])(g)
+def _push_by_orbit(z: Any, c: Any, s: Any, _: Any, *along: Any, code: Code, wide: bool, **constants: Any) -> list[Any]:
+    lanes, count = along[0].shape[:2]
+    start = [jnp.repeat(x, count, axis=0) for x in (z, c, s)]
+    start = _with_tangents(start, [v.reshape(lanes * count, *v.shape[2:]) for v in along])
+    rows, _ = orbit_p.bind(*start, code=code.with_tangent(wide), **constants)
+    return [rows[..., code.dim :].reshape(lanes, count, -1, code.dim)]
 
-    z, c, s, _, g = args
-    return list(jax.vmap(lane)(z, c, s, g))
+
+def _bend_by_pull(z: Any, c: Any, s: Any, g: Any, *along: Any, code: Code, wide: bool, **constants: Any) -> list[Any]:
+    """Slopes of <g, J v>, g (l, rows, d), by z, and by c and s if they have tangents in v: (l, ...)."""
+    start, constants["code"] = _with_tangents((z, c, s), along), code.with_tangent(wide)
+    _, marks = orbit_p.bind(*start, **constants)
+    g = jnp.concatenate([jnp.zeros_like(g), g], -1)[:, None]
+    slopes = pull_p.bind(*start, marks, g, wide=wide, **constants)
+    return [v[:, 0, ..., : v.shape[-1] // 2] for v in slopes]
+
+
+def _bend_shapes(*args: Any, **_: Any) -> list[Any]:
+    return [_array(*v.shape) for v in args[4:]]
 
 
 # -- rules -----------------------------------------------------------------------------------------
 
 
-def _primitive(
-    name: str, host: Callable[..., list[Any]], shapes: Callable[..., Any], *fixed: str, unread: int | None = None
-) -> Any:
-    """A primitive by a function of NumPy arrays, which does not read the argument at the place `unread`."""
+def _by_host(host: Callable[..., list[Any]], shapes: Callable[..., Any], unread: int | None = None) -> Any:
+    """A function of JAX by a function of NumPy arrays, which does not read the argument at the place `unread`."""
 
     def function(*args: Any, **constants: Any) -> list[Any]:
         read = [x for i, x in enumerate(args) if i != unread]
         out = [Struct(v.shape, v.dtype) for v in shapes(*args, **constants)]
         return list(on_host(lambda *arrays: host(*arrays, **constants), out, *read))
 
+    return function
+
+
+def _primitive(name: str, function: Callable[..., list[Any]], shapes: Callable[..., Any], *fixed: str) -> Any:
     primitive: Any = Primitive(name)
     primitive.multiple_results = True
     primitive.def_impl(jax.jit(function, static_argnames=("code", "rows", "every", "length", *fixed)))
@@ -210,9 +217,10 @@ def _primitive(
     return primitive
 
 
-orbit_p = _primitive("kreisel_orbit", _orbit, _orbit_shapes)
-push_p = _primitive("kreisel_push", _push, _push_shapes, "wide", unread=3)
-pull_p = _primitive("kreisel_pull", _pull, _pull_shapes, "wide")
+orbit_p = _primitive("kreisel_orbit", _by_host(_orbit, _orbit_shapes), _orbit_shapes)
+push_p = _primitive("kreisel_push", _by_host(_push, _push_shapes, unread=3), _push_shapes, "wide")
+pull_p = _primitive("kreisel_pull", _by_host(_pull, _pull_shapes), _pull_shapes, "wide")
+bend_p = _primitive("kreisel_bend", _bend_by_pull, _bend_shapes, "wide")
 
 
 def _is_zero(x: Any) -> bool:
@@ -228,23 +236,46 @@ def _orbit_jvp(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any
     return [result, marks], [tangent[:, 0], ad.Zero(jax.typeof(marks).to_tangent_aval())]
 
 
-def _linear_jvp(primitive: Any, count: int, by_xla: Callable[..., Any]) -> Callable[..., Any]:
-    """The rule of a primitive that is linear in its arguments from `count` on; `by_xla` where another moves."""
+def _push_jvp(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any:
+    if all(_is_zero(v) for v in along[:3]):
+        moving = [ad.instantiate_zeros(v) for v in along[4:]]
+        return push_p.bind(*at, **constants), push_p.bind(*at[:4], *moving, **constants)
+    moving = [i for i, v in enumerate(along) if not _is_zero(v) and i != 3]
 
-    def rule(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any:
-        value = primitive.bind(*at, **constants)
-        if all(_is_zero(v) for v in along[:3]):
-            moving = [ad.instantiate_zeros(v) for v in along[count:]]
-            return value, primitive.bind(*at[:count], *moving, **constants)
-        moving = [i for i, v in enumerate(along) if not _is_zero(v) and i != 3]
+    def by_orbit(*x: Any) -> list[Any]:
+        return _push_by_orbit(*(x[moving.index(i)] if i in moving else v for i, v in enumerate(at)), **constants)
 
-        def by_moving(*x: Any) -> list[Any]:
-            result = by_xla(*(x[moving.index(i)] if i in moving else v for i, v in enumerate(at)), **constants)
-            return list(result)
+    return jax.jvp(by_orbit, tuple(at[i] for i in moving), tuple(along[i] for i in moving))
 
-        return value, jax.jvp(by_moving, tuple(at[i] for i in moving), tuple(along[i] for i in moving))[1]
 
-    return rule
+def _pull_jvp(at: Sequence[Any], along: Sequence[Any], *, wide: bool, **constants: Any) -> Any:
+    value, terms = pull_p.bind(*at, wide=wide, **constants), []
+    if not _is_zero(along[4]):
+        terms.append(pull_p.bind(*at[:4], along[4], wide=wide, **constants))
+    moving = [i for i in range(3) if not _is_zero(along[i])]
+    if moving:
+        wide = wide or moving != [0]
+        *start, _, g = at
+        columns = [ad.instantiate_zeros(v) for v in along[: 3 if wide else 1]]
+        spread = [jnp.repeat(x, g.shape[1], axis=0) for x in (*start, *columns)]
+        slopes = bend_p.bind(*spread[:3], g.reshape(-1, *g.shape[2:]), *spread[3:], wide=wide, **constants)
+        terms.append([v.reshape(x.shape) for v, x in zip(slopes, value, strict=False)])
+    return value, [sum(slopes) for slopes in zip(*terms, strict=True)]
+
+
+def _bend_jvp(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any:
+    moving = [ad.instantiate_zeros(v) for v in along]
+    if all(_is_zero(v) for v in along[:4]):
+        return bend_p.bind(*at, **constants), bend_p.bind(*at[:4], *moving[4:], **constants)
+    return jax.jvp(partial(_bend_by_pull, **constants), tuple(at), tuple(moving))
+
+
+def _bend_transpose(slopes: Sequence[Any], *args: Any, **constants: Any) -> list[Any]:
+    """Second derivatives are symmetric."""
+    if all(map(_is_zero, slopes)):
+        return [None] * len(args)
+    result = bend_p.bind(*args[:4], *map(ad.instantiate_zeros, slopes), **constants)
+    return [None] * 4 + [v if ad.is_undefined_primal(x) else None for v, x in zip(result, args[4:], strict=True)]
 
 
 def _push_transpose(slopes: Sequence[Any], *args: Any, **constants: Any) -> list[Any]:
@@ -289,13 +320,16 @@ def _batched(primitive: Any, lanes: int) -> Callable[..., Any]:
 
 
 ad.primitive_jvps[orbit_p] = _orbit_jvp
-ad.primitive_jvps[push_p] = _linear_jvp(push_p, 4, _push_by_xla)
-ad.primitive_jvps[pull_p] = _linear_jvp(pull_p, 4, _pull_by_xla)
+ad.primitive_jvps[push_p] = _push_jvp
+ad.primitive_jvps[pull_p] = _pull_jvp
+ad.primitive_jvps[bend_p] = _bend_jvp
 ad.primitive_transposes[push_p] = _push_transpose
 ad.primitive_transposes[pull_p] = _pull_transpose
+ad.primitive_transposes[bend_p] = _bend_transpose
 batching.primitive_batchers[orbit_p] = _batched(orbit_p, 3)
 batching.primitive_batchers[push_p] = _batched(push_p, 4)
 batching.primitive_batchers[pull_p] = _batched(pull_p, 4)
+batching.primitive_batchers[bend_p] = _batched(bend_p, 7)
 
 
 def with_jacobian(function: Callable[..., tuple[Array, ...]]) -> Callable[..., tuple[Array, ...]]:
@@ -481,8 +515,7 @@ def half_turn(K: Any, dt: Any) -> Array:
 
 
 def orbit(
-    take: Callable[..., tuple[Any, ...]],
-    close: Callable[..., tuple[Any, ...]] | None,
+    motion: Steps,
     kinds: Sequence[str],
     n: int,
     z: Array,
@@ -490,8 +523,9 @@ def orbit(
     stages: Mapping[str, Any],
     rows: int,
     every: int,
+    curved: Steps | None = None,
 ) -> Array:
-    """States (rows + 1, d) at every `every` steps: `take` once for each stage, then `close`.
+    """States (rows + 1, d) at every `every` steps: `step` for each stage, then `close`; second derivatives by `curved`.
 
     By compiled kernels; by XLA where the step has a loop or is too long for them, or JAX not on the CPU.
     The reverse sweep keeps the states at the ends of about sqrt(every) parts, and the states of one part, made again.
@@ -499,9 +533,12 @@ def orbit(
     names, entries = _named("c", constants)
     count = max((np.shape(v)[0] for v in stages.values()), default=1)
     pairs = [_named("s", {k: _entries(v)[i] for k, v in stages.items()}, fold=False) for i in range(count)]
-    stage = adjoint.recorded(take, kinds, n, {**names, **pairs[0][0]})
-    end = None if close is None else adjoint.recorded(close, kinds, n, names)
-    code = adjoint.Code(stage, end, len(entries), len(pairs[0][1]))
+
+    def parts(steps: Steps) -> list[Part]:
+        stage = adjoint.recorded(steps.step, kinds, n, {**names, **pairs[0][0]})
+        return [stage] if steps.close is None else [stage, adjoint.recorded(steps.close, kinds, n, names)]
+
+    code = adjoint.Code(parts(motion), len(entries), len(pairs[0][1]), None if curved is None else parts(curved))
     s = jnp.stack([values(row) for _, row in pairs])
     if code.straight and jax.default_backend() == "cpu":
         return compiled_orbit(code, z, values(entries), s, rows, every)

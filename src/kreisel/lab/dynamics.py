@@ -133,7 +133,7 @@ def _by_kernels(subject: Subject) -> Pushed:
             f"The step of {subject.name} could not be recorded: expected a formula of at most {MOST_NODES:,} "
             "operations, without a loop, got a longer one."
         )
-    code, values = Code(step, None, len(scalars), 0), (np.array([[*scalars.values()]]), np.zeros((1, 1, 0)))
+    code, values = Code([step], len(scalars), 0), (np.array([[*scalars.values()]]), np.zeros((1, 1, 0)))
 
     def pushed(x: Array, vectors: Array, steps: int, rows: int) -> tuple[Array, Array]:
         start, count = (x[None], *values), len(vectors)

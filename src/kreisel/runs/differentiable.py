@@ -34,7 +34,7 @@ from kreisel.method.scheme import (
 from kreisel.method.splitting import REACH, closed_form, make as splitting
 from kreisel.record.body import Body, as_body
 from kreisel.record.calling import call
-from kreisel.record.contract import ExactMap, Frame
+from kreisel.record.contract import Baecklund, ExactMap, Frame
 from kreisel.record.model import Model, State
 from kreisel.record.table import require_within, tables_exceeded
 from kreisel.record.values import component
@@ -70,12 +70,14 @@ class Step(NamedTuple):
     scheme      the step, (*z, **constants) -> z for each stage, and its components: state, orientation, further ones
     constants(own, known, dt)  -> constants of the trajectory, and of the stages (stage, ...)
     begin, end  the method's variables from the state, and back: (*state, **constants) -> state; None: the same
+    curved      the motion for derivatives of the second order and beyond; None: the same
     """
 
     scheme: Scheme
     constants: Callable[[Parts, Known, Any], tuple[Known, Known]]
     begin: Callable[..., Parts] | None = None
     end: Callable[..., Parts] | None = None
+    curved: Steps | None = None
 
 
 @explained
@@ -210,7 +212,8 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
 
     motion = cast("Steps", chosen.motion)
     motion = Steps(partial(spun, motion.step), motion.close and partial(spun, motion.close))
-    return Step(replace(chosen, motion=motion), _of_baecklund(model, chosen))
+    curved = Steps(partial(_on_curve, model, motion.step), motion.close and partial(_on_curve, model, motion.close))
+    return Step(replace(chosen, motion=motion), _of_baecklund(model, chosen), curved=curved)
 
 
 def _linear(model: Model, scheme: Scheme, oriented: bool) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
@@ -255,8 +258,8 @@ def _closed(model: Model, scheme: Scheme, oriented: bool) -> Step:
 def _of_baecklund(model: Model, scheme: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
     """mu = zeta/dt, rho, and the rotations of the body.
 
-    rho has no derivative: the step improves it by a step of Newton's method, so only its square counts, and the
-    derivatives of the step equal the derivatives with the rho of this state.  It is compiled, as in a run.
+    rho has no derivative: the step improves it by a step of Newton's method, so only its square counts, and first
+    derivatives of the step equal those with the rho of this state.  It is compiled, as in a run.
     """
     order = scheme.options["order"]
     unit = Product(model, 1.0, order, False)
@@ -294,6 +297,24 @@ def _of_baecklund(model: Model, scheme: Scheme) -> Callable[[Parts, Known, Any],
         return constants, stages
 
     return at
+
+
+def _on_curve(model: Model, function: Callable[..., Parts], *z: Array, **constants: Any) -> Parts:
+    """The function with the rho for which the defect of its vector, which is affine in rho, vanishes.
+
+    Both are steps of Newton's method: from the rho of the start, derivatives to the third order are right.
+    """
+    record, state = cast("Baecklund", model.system.baecklund), z[: len(model.system.space.letters)]
+    if pair := "rho_re" in constants:
+        at = {k: algebra.complex_number(constants[f"{k}_re"], constants[f"{k}_im"]) for k in ("mu", "rho")}
+    elif "rho" in constants:
+        at = {k: constants[k] for k in ("mu", "rho")}
+    else:
+        return function(*z, **constants)
+    e = call(record.vector, state, constants | at)
+    at_0, at_1 = (call(record.defect, (*state, e), constants | at | {"rho": x}) for x in (0.0, 1.0))
+    re, im = algebra.parts(at_0 / (at_0 - at_1))
+    return function(*z, **constants | ({"rho_re": re, "rho_im": im} if pair else {"rho": re}))
 
 
 def _of_map(model: Model, scheme: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
@@ -421,7 +442,7 @@ def _rows(
         flat = by.orbit_of_arrays(motion.step, scheme.kinds, model.n, flat, constants, rows, every)
     else:
         steps = cast("Steps", motion)
-        flat = by.orbit(steps.step, steps.close, scheme.kinds, model.n, flat, constants, stages, rows, every)
+        flat = by.orbit(steps, scheme.kinds, model.n, flat, constants, stages, rows, every, step.curved)
 
     def shown_row(row: Array) -> dict[str, Array]:
         x = algebra.restore(by.numbers(row), scheme.kinds, model.n)[: len(shown)]
