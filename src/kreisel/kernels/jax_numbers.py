@@ -2,7 +2,7 @@
 
 The primitives are an orbit, its tangent map (`push`), the transpose of that (`pull`), and the derivative of `pull` by
 the orbit (`bend`).  Each is linear in the arguments of its derivative, so JAX makes jvp, grad, vmap and scan of them.
-Derivatives of higher order are those of the orbit of a state and its tangent.  All arguments are rows of lanes:
+Derivatives of higher order come from the orbit of a state and its tangent.  All arguments are rows of lanes:
 z (l, d), c (l, constants), s (l, stages, of a stage); tangents and slopes have a second axis of columns.
 
 Exact zeros and ones of numbers fold away as they do in a graph; a step, which may have a loop, is recorded as one.
@@ -118,7 +118,7 @@ def _stacked(values: Sequence[Any]) -> Any:
 
 def _entry(*_: Any) -> Any:
     raise InputError(
-        "kr.Table: expected derivatives of compiled steps, got those of a step with a loop, or too long for kernels. "
+        "kr.Table: expected derivatives of compiled steps, got a step with a loop, or too long for kernels. "
         "Write the values as a formula of t, or difference first derivatives."
     )
 
