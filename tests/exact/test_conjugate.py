@@ -358,6 +358,21 @@ def test_a_wrong_point_of_the_one_map_is_caught(change: Complex) -> None:
             kr.SteklovLyapunov(b=(0, 0, 2), s=-1, l=1),
             {"M": (0.30000000000000004, 0.1, 0), "P": (0.3, 0.1, 0.5)},
         ),  # M0 is rounding
+        # X(s) of rank 2 for all s: a double level 0, whose vectors are 0/0 or rounding
+        (
+            kr.SteklovLyapunov(b=(0, -1, -3, -2), s=1, l=1),
+            {
+                "M": algebra.skew(np.array([-1.0, 0, 0, 0, -1, 1]), 4),
+                "P": algebra.skew(np.array([-1.0, 1, 0, 0, 0, 0]), 4),
+            },
+        ),
+        (
+            kr.SteklovLyapunov(b=(0, -2, 2, -2), s=1, l=1),
+            {
+                "M": algebra.skew(np.array([-1.0, 0, 1, -1, 0, -1]), 4),
+                "P": algebra.skew(np.array([-1.0, 0, 1, 0, 0, 0]), 4),
+            },
+        ),
         (kr.GoryachevChaplygin(gamma=0), {"M": (0, 0, 0), "P": (1, 0, 0)}),
         (kr.GoryachevChaplygin(gamma=0), {"M": (0, 0, 1.5), "P": (0.6, 0.8, 0)}),
         (kr.GoryachevChaplygin(gamma=2), {"M": (0.3, -0.2, 0.9), "P": (2e-3, 3e-3, 0)}),

@@ -35,6 +35,7 @@ CHANGES = 100  # of points, for each pair: the most
 CLOSE = 1e-9  # a change of x, relative to the distance of a branch point, whose square is rounding
 WIDTH = 4  # of vectors of heights, and of nodes
 BESIDE = 1e-5  # of the distance of a pole: between two points for a derivative
+EQUAL = 1e-7  # relative to the largest: double levels, up to the error of roots of a polynomial
 CERTAIN = 1e-5  # relative: fields that surely do not depend on others
 SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and for a body at rest
 SCALARS = (
@@ -154,7 +155,7 @@ class Choice(Formulas):
         super().__init__(model)
         self.begin, self.level = self._record(self._start), self._record(self._level, ("x", 3))
         self.width = (len(self.level[1]) - self.d - 2) // 4  # of a vector
-        self.meet = self._record(self._meet, ("v", 8 * self.width), ("x", 4))
+        self.meet = self._record(self._meet, ("v", 8 * self.width), ("x", 5))
         self.rules = {"judge": self._rule(self._judge)}
         self.heights, self.spectrum = self._record(self._heights), self._record(self._spectrum, ("x", 1))
         pieces = [self.begin, self.level, self.meet, self.heights, self.spectrum]
@@ -209,6 +210,8 @@ class Choice(Formulas):
         lam, near = Complex(0.0, y), BESIDE * pole
         vectors, _ = self._vectors(state, constants, lam, Complex(0.0, m))
         mu = self._quotient(state, constants, lam, complex_values(vectors))
+        # NaN for a double level, which has no vectors
+        mu = Complex(algebra.where_less(-np.inf, mu.re, mu.re, 0.0), algebra.where_less(-np.inf, mu.im, mu.im, m))
         vectors, Pi = self._vectors(state, constants, lam, mu)
         left, right = complex_values(vectors).reshape(2, -1)
         after, before = (self._of_pairs("matrix", state, constants, lam + s * near) for s in (1, -1))
@@ -218,12 +221,16 @@ class Choice(Formulas):
         return [p for v in values for p in algebra.parts(v)] + rates
 
     def _meet(self, z: Array, inputs: Any, v: Array, x: Array) -> list[Any]:
-        """The square of the distance at which two levels meet: (gap + t (a - b))^2 + 4 t^2 c d = 0."""
+        """The square of the distance at which two levels meet: (gap + t (a - b))^2 + 4 t^2 c d = 0.
+
+        0 for levels that rounding cannot tell apart, next to the largest; x: both, complex, and that.
+        """
         left, change, second, change_of_second = complex_values(v).reshape(4, -1)
         a, b = (left * change).sum(), (second * change_of_second).sum()
         slope = (a - b) * (a - b) + 4 * (left * change_of_second).sum() * (second * change).sum()
         gap = (x[0] - x[2]) * (x[0] - x[2]) + (x[1] - x[3]) * (x[1] - x[3])
-        return [gap / algebra.sqrt(slope.re * slope.re + slope.im * slope.im)]
+        square = gap / algebra.sqrt(slope.re * slope.re + slope.im * slope.im)
+        return [algebra.where_less(gap, EQUAL * x[4] * EQUAL * x[4], 0.0, square)]
 
     def _judge(self, size: Any, off: Any, rate: Any, least: Any, rank: Any, heights: Any) -> dict[str, Any]:
         select, room = algebra.where_less, largest(SPAN * size, ROUNDING * rate)
@@ -356,6 +363,7 @@ class _Choosing(Writing):
             heights = [(at[0] + step * i).least(self.count[0] - 1) for i in range(WIDTH)]
             rows = Lanes(self.list, heights, 2 + of.levels)
             y, pole = rows.get(range(2))
+            high = reduce(self.larger_of, map(self.size, rows.get(range(2, 2 + of.levels))))
             with f.loop(0, of.levels) as k:
                 self.branches.put(self.piece(of.level, y, pole, rows[k + 2]), k * size)
             with f.loop(0, of.used) as k:
@@ -368,7 +376,7 @@ class _Choosing(Writing):
                     memory.put(self.branches.get(w, second + 2), 2 * w)
                     memory.put(self.branches.get(w, second + 2 + w), 3 * w)
                     mus = self.branches.get(2, first) + self.branches.get(2, second)
-                    (square,) = self.piece(of.meet, *mus)
+                    (square,) = self.piece(of.meet, *mus, high)
                     radius[0] = f.builder.select(self.is_less(square, radius[0]), square, radius[0])
                 distance = f.intrinsic("sqrt", radius[0])
                 fields = self.branches.get(d, first + 2 + 4 * of.width)
