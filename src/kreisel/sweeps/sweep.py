@@ -142,7 +142,8 @@ def _design(body: Body | None, over: Any, design: Any) -> Design:
         raise InputError(f"design: expected a kr.Design, such as kr.Design(grid={{...}}), got {shown(design)}.")
     if body is None or design is not None or not isinstance(over, Mapping) or not all(isinstance(k, str) for k in over):
         raise InputError(
-            f"over: expected a body of kr.physical, and a dict of names and values without a design, got {shown(over)}."
+            "over: expected a body of kr.physical, and a dict of names and values without a design, got "
+            f"{shown(over)}. For a system, use design=kr.Design(grid={{'system.p[2]': [1, 2]}})."
         )
     sections = {name: "state" for name in (*inspect.signature(body.state).parameters, *body.words.values())}
     sections |= dict.fromkeys(("dt", "steps", "t_start", "t_end", "every", "method", "order"), "run")
