@@ -6,7 +6,7 @@ import copy
 import pickle
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -48,10 +48,10 @@ def as_netcdf(folder: Path, engine: str) -> Change:
     return change
 
 
-def as_zarr(folder: Path) -> Change:
+def as_zarr(folder: Path, version: Literal[2, 3]) -> Change:
     def change(run: xr.Dataset) -> xr.Dataset:
-        run.to_zarr(folder / "copy.zarr", mode="w", consolidated=False)
-        return xr.open_zarr(folder / "copy.zarr", consolidated=False)
+        run.to_zarr(folder / f"{version}.zarr", mode="w", consolidated=False, zarr_format=version)
+        return xr.open_zarr(folder / f"{version}.zarr", consolidated=False)
 
     return change
 
@@ -101,7 +101,8 @@ def same_table(one: xr.Dataset, two: xr.Dataset) -> bool:
 
 
 def test_copies_are_the_run(any_run: xr.Dataset, tmp_path: Path) -> None:
-    files = {engine: as_netcdf(tmp_path, engine) for engine in ("h5netcdf", "scipy")} | {"zarr": as_zarr(tmp_path)}
+    files = {engine: as_netcdf(tmp_path, engine) for engine in ("h5netcdf", "scipy")}
+    files |= {f"zarr {version}": as_zarr(tmp_path, version) for version in (2, 3)}
     for name, change in (WHOLE | files).items():
         made = change(any_run)
         for key in any_run.variables:
@@ -140,15 +141,25 @@ def test_variables_are_numbers(run: xr.Dataset) -> None:
 
 
 def test_a_copy_by_zarr_is_no_archive(run: xr.Dataset, tmp_path: Path) -> None:
-    as_zarr(tmp_path)(run)
+    as_zarr(tmp_path, 3)(run)
     with pytest.raises(kr.InputError, match=r"xr\.open_zarr opens it"):
-        kr.open_run(tmp_path / "copy.zarr")
+        kr.open_run(tmp_path / "3.zarr")
+
+
+@pytest.mark.parametrize(
+    "change", [lambda run: run.isel(time=3), lambda run: run.isel(time=slice(3, 9)), lambda run: run.chunk({"time": 7})]
+)
+def test_a_part_of_an_archive_is_written_by_xarray(change: Change, tmp_path: Path) -> None:
+    """It had the chunks of the archive."""
+    part = change(kr.simulate(TOP, STATE, path=tmp_path / "run.zarr", **OPTIONS))
+    assert as_zarr(tmp_path, 3)(part).identical(part)
 
 
 def test_a_sweep_is_written_by_xarray(tmp_path: Path) -> None:
     design = kr.Design(grid={"state.m[2]": [1.0, 1.5]})
     swept = kr.sweep(TOP, STATE, design, path=tmp_path / "s.zarr", workers=0, dt=0.1, steps=4)
-    assert np.array_equal(as_netcdf(tmp_path, "h5netcdf")(swept)["energy_drift"].values, swept["energy_drift"].values)
+    for change in (as_netcdf(tmp_path, "h5netcdf"), as_zarr(tmp_path, 2)):
+        assert np.array_equal(change(swept)["energy_drift"].values, swept["energy_drift"].values)
 
 
 def of_xarray(run: xr.Dataset) -> xr.Dataset:

@@ -114,7 +114,7 @@ def _write(run: Any, where: Path, overwrite: bool, epoch: Any, angles: str | Non
 
 def _opened(run: Any, angles: str | None = None) -> xr.Dataset:
     """The Dataset itself, or of an archive, with the angles of a satellite in degrees.  Raises `InputError`."""
-    from kreisel.storage.opening import open_archive, too_large
+    from kreisel.storage.opening import open_archive
 
     data = open_archive(target(run)) if isinstance(run, str | os.PathLike) else run
     if not hasattr(data, "data_vars") or not data.variables:
@@ -122,8 +122,6 @@ def _opened(run: Any, angles: str | None = None) -> xr.Dataset:
             "expected the path of an archive or a Dataset such as kr.simulate returns, got "
             f"{shown(type(run).__name__)}."
         )
-    if too_large(data):
-        raise InputError(f"{run} is damaged: {'; '.join(too_large(data))}.")
     if angles is None:
         return data
     values, attrs = angles_of(data, angles), {"units": "deg", "frame": FRAMES[angles]}

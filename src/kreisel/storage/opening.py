@@ -152,17 +152,28 @@ def too_large(run: xr.Dataset) -> list[str]:
     return faults
 
 
+def _sound(run: xr.Dataset, path: Path) -> xr.Dataset:
+    """The Dataset without the layout of its files, with which no part of it and no other format could be written.
+
+    Raises `InputError` for chunks that are too large to be read.
+    """
+    if too_large(run):
+        raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
+    return run.drop_encoding()
+
+
 def open_archive(path: Path) -> xr.Dataset:
     """Open a run, as `open_rows` does, or a sweep by lane; if it was interrupted, its finished part."""
     path = archive.settled(path)
     return presented(open_lanes(path) if is_sweep(path) else open_rows(path))
 
 
-def open_lanes(path: Path) -> xr.Dataset:
-    """The Dataset of a sweep, opened lazily; lanes of missing blocks have failed = 255."""
+def open_lanes(path: Path, checked: bool = True) -> xr.Dataset:
+    """The Dataset of a sweep, opened lazily; lanes of missing blocks have failed = 255.  Raises `InputError`."""
     record = SweepRecord.of_store(path)
     archive.require_plain(path)
-    return dataset(path, Verified(path, archive.listed(path), partial=not record.complete))
+    run = dataset(path, Verified(path, archive.listed(path), partial=not record.complete))
+    return _sound(run, path) if checked else run
 
 
 def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
@@ -180,8 +191,7 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
     for name, variable in run.data_vars.items():
         if variable.attrs.get("kind") in KINDS and variable.dims[:1] != ("time",):
             raise InputError(f"{path} is damaged: {name} has no axis of time. `kreisel check {path}`.")
-    if indexed and too_large(run):
-        raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
+    run = _sound(run, path) if indexed else run
     for name in ("time", "lane"):
         short = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
         if indexed and short and name not in run.xindexes:
