@@ -100,7 +100,7 @@ def hyperion() -> Iterator[Row]:
 
 def disc() -> Iterator[Row]:
     """A thin disc moved broadside and turned about a diameter: 8/3 and 16/45 of density times radius^3, ^5."""
-    added = SubmergedBody.ellipsoid((1.0, 1.0, 1e-4), 1.0, 1.0).added_mass
+    added = SubmergedBody.ellipsoid((1.0, 1.0, 1e-4), 1.0, "1 kg/m^3").added_mass
     source = "Lamb 1932, articles 108, 115"
     yield Row("disc, added mass broadside over density and radius³", source, "8/3", 2.665, 2.668, added[2, 2])
     yield Row(

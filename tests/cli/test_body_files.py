@@ -449,6 +449,12 @@ def test_a_bad_step_is_one_mistake() -> None:
     assert len(found) == 1 and "dt must have the dimension of s" in found[0]
 
 
+def test_lists_of_values_are_several_bodies() -> None:
+    body = '[body]\nkind = "submerged-body"\nmass = [1, 2]\ninertia = [1, 1, 1]\n[state]\nvelocity = [1, 0, 0]\n'
+    found = mistakes(f'{body}[run]\ndt = "1 s"\nsteps = 3\n[output]\npath = "x.zarr"\n')
+    assert len(found) == 1 and "the values of one body, got lists for 2" in found[0]
+
+
 def test_impulses_of_no_kind() -> None:
     text = text_of_body("free-body", Path("x.toml")).replace("[run]", "[run]\nimpulses = -1")
     assert "impulses: expected a dict" in mistakes(text)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -213,6 +214,10 @@ BAD = {
     "not symmetric": (lambda p: SubmergedBody(1, (1, 1, 1), np.eye(6) + np.eye(6, k=3)), "expected a symmetric"),
     "triangle": (lambda p: SubmergedBody(1, (1, 1, 3)), "sum of the other two"),
     "shape": (lambda p: SubmergedBody(1, (1, 1, 1), np.eye(3)), "added_mass must be"),
+    "five": (lambda p: SubmergedBody(1, (1, 1, 1), (1, 1, 1, 1, 1)), r"six values, three .* \(kg m\^2\), or a 6 x 6"),
+    "units of a matrix": (lambda p: SubmergedBody(1, (1, 1, 1), [["1 kg"] * 6] * 6), "matrix of plain values in SI"),
+    "drag of all": (lambda p: SubmergedBody(1, (1, 1, 1), linear_drag=2.0), r"six values, three .* \(N s/m\)"),
+    "density": (lambda p: SubmergedBody.cylinder(0.1, 1, 30, -1000), "fluid_density must be .* >= 0"),
     "drag": (lambda p: SubmergedBody(1, (1, 1, 1), linear_drag=(-1, 0, 0, 0, 0, 0)), ">= 0"),
     "units": (lambda p: SubmergedBody("3 m", (1, 1, 1)), "dimension of kg"),
     "units of drag": (lambda p: SubmergedBody(1, (1, 1, 1), linear_drag=("1 N s/m",) * 6), "dimension of N m s"),
@@ -223,6 +228,31 @@ BAD = {
     "index": (lambda p: read_added_mass(_text(p, "0 7 1 3.0")), "I and J from 1 to 6"),
     "period": (lambda p: read_added_mass(_text(p, "5 1 1 3.0")), "rows of the period 0"),
 }
+
+
+DOUBTS = {
+    "g/cm^3": (lambda: SubmergedBody.cylinder(0.1, 1.0, 30.0, 1.025), "Usual cause: g/cm"),
+    "g/cm^3 of an ellipsoid": (lambda: SubmergedBody.ellipsoid((1, 0.1, 0.1), 40.0, 1.0), "Usual cause: g/cm"),
+    "mm": (lambda: SubmergedBody.ellipsoid((1000, 100, 100), 40.0, 1000), "the body shoots up. .* mm for m"),
+    "g": (lambda: SubmergedBody(20.0, (0.1, 1.6, 1.6), displaced_mass=20_000.0), "Usual cause: g for kg"),
+    "mm of a centre": (lambda: SubmergedBody(20.0, (0.1, 1.6, 1.6), center_of_mass=(20, 0, -20)), "mm for m, or cen"),
+}
+
+
+@pytest.mark.parametrize("name", DOUBTS)
+def test_unlikely_input_is_warned_of(name: str) -> None:
+    make, words = DOUBTS[name]
+    with pytest.warns(kr.InputWarning, match=words):
+        make()
+
+
+def test_likely_input_is_not_warned_of() -> None:
+    """A bubble, a body in air with the unit of its density, a keel."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        SubmergedBody.ellipsoid((0.1, 0.1, 0.1), 0.1, 1000.0)
+        SubmergedBody.ellipsoid((0.1, 0.1, 0.1), 0.1, "1 kg/m^3")
+        SubmergedBody(20.0, (0.1, 1.6, 1.6), center_of_mass=(0, 0, -1.0))
 
 
 def _text(folder: Path, text: str) -> Path:

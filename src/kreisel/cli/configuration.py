@@ -242,6 +242,12 @@ def _body(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Faults)
     if kind is None:
         return Subject("")
     body = reader.body(table, "body")
+    if isinstance(body, Ensemble):
+        faults.add(
+            f"[body] expected the values of one body, got lists for {len(body.members)}. Usual cause: a list for a "
+            "number, or rows for a vector. For several bodies, use `kreisel sweep` with [sweep.grid]."
+        )
+        return Subject("")
     state = reader.state(kind, body, tables["state"], "state")
     name = str(table["kind"])
     if body is None or state is None:

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 SIX = ((6,), (6, 6))
 HALVES = {"added_mass": ("kg", "kg m^2"), "linear_drag": ("N s/m", "N m s"), "quadratic_drag": ("N s^2/m^2", "N m s^2")}
 NONE = (0.0, 0.0, 0.0)
+GRAMS = 0.7, 1.1  # plain densities of a fluid that are likely to be g/cm^3; air has 1.2 kg/m^3
+BUOYANT, FAR = 100, 10  # times the mass, and times the radius of gyration, beyond which a body is doubted
 SLENDER = 4  # radii: a spheroid so long moves 0.70 of the displaced mass across (strip theory 1), 0.21 along (0)
 
 
@@ -185,6 +187,17 @@ class SubmergedBody(Forced):
         if self.added_mass.ndim == 1:
             object.__setattr__(self, "added_mass", np.diag(self.added_mass))
         self.model()
+        if self.displaced_mass > BUOYANT * self.mass:
+            doubt(
+                f"displaced_mass: expected at most {BUOYANT} times the mass, {self.mass:g} kg, got "
+                f"{self.displaced_mass:g} kg: the body shoots up. Usual cause: g for kg, or mm for m."
+            )
+        apart = np.linalg.norm(self.center_of_mass - self.center_of_buoyancy)
+        if apart > FAR * (gyration := math.sqrt(np.trace(self.inertia) / 2 / self.mass)):
+            doubt(
+                f"center_of_mass, center_of_buoyancy: expected centres at most {FAR} times the radius of gyration, "
+                f"{gyration:.3g} m, apart, got {apart:.3g} m. Usual cause: mm for m, or centres from different points."
+            )
 
     @classmethod
     def ellipsoid(cls, semi_axes: Any, mass: Any, fluid_density: Any, **options: Any) -> SubmergedBody:
@@ -192,7 +205,8 @@ class SubmergedBody(Forced):
 
         [Lamb, articles 114, 115]
         """
-        body = Ellipsoid(si_numbers(semi_axes, "m", "semi_axes", ((3,),)), mass, fluid_density)
+        rho = _density(fluid_density)
+        body = Ellipsoid(si_numbers(semi_axes, "m", "semi_axes", ((3,),)), mass, rho)
         added = (*body.added_masses, *body.added_moments)
         arguments = {"added_mass": added, "displaced_mass": body.displaced_mass, **options}
         return cls(body.mass, body.moments, **arguments).shaped("ellipsoid", body.semi_axes)
@@ -205,7 +219,7 @@ class SubmergedBody(Forced):
         1977, sections 4.13 and 7.2]
         """
         r, L = (si_number(v, "m", k, positive=True) for v, k in ((radius, "radius"), (length, "length")))
-        m, rho = si_number(mass, "kg", "mass", positive=True), si_number(fluid_density, "kg/m^3", "fluid_density")
+        m, rho = si_number(mass, "kg", "mass", positive=True), _density(fluid_density)
         if L < SLENDER * r:
             doubt(f"length: expected at least {SLENDER} radii, for strip theory, got {L / r:.3g}. Use `ellipsoid`.")
         fluid = np.pi * rho * r * r * L
@@ -284,7 +298,26 @@ def _six(value: Any, name: str, shapes: tuple[tuple[int, ...], ...]) -> Array:
     if isinstance(value, list | tuple) and len(value) == 6 and not any(isinstance(v, list | tuple) for v in value):
         halves = zip((value[:3], value[3:]), HALVES[name], strict=True)
         return np.concatenate([si_numbers(half, unit, name, ((3,),)) for half, unit in halves])
-    return si_numbers(value, "1", name, shapes)
+    try:
+        return si_numbers(value, "1", name, shapes)
+    except InputError as error:
+        linear, angular = HALVES[name]
+        matrix = ", or a 6 x 6 matrix of plain values in SI" * ((6, 6) in shapes)
+        raise InputError(
+            f"{name} must be six values, three for the velocity ({linear}) and three for the angular velocity "
+            f"({angular}){matrix}, got {shown(value)}."
+        ) from error
+
+
+def _density(value: Any) -> float:
+    """The density of a fluid, kg/m^3.  Raises `InputError`; warns with `InputWarning` of plain values as in g/cm^3."""
+    rho = si_number(value, "kg/m^3", "fluid_density", least=0.0)
+    if isinstance(value, int | float) and GRAMS[0] <= rho <= GRAMS[1]:
+        doubt(
+            f"fluid_density: expected kg/m^3, 1000 for water, got {rho:g}. Usual cause: g/cm^3. For a gas, write "
+            f"'{rho:g} kg/m^3'."
+        )
+    return rho
 
 
 def _finite(word: str) -> float:
