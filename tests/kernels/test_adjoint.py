@@ -167,6 +167,15 @@ def third(f: Any, v: np.ndarray) -> Any:
     return jax.jit(jax.grad(slope))
 
 
+def test_second_derivatives_of_a_body_at_rest() -> None:
+    """M(t) from s v is s v + s^2 t v x v/I + O(s^3), I the moments of inertia."""
+    J, v = np.array([1.0, 2.0, 2.5]), np.array([0.3, -1.0, 0.7])
+    f = kr.differentiable(kr.EulerTop(J=J), method="exact")
+    with red.double():
+        second = jax.hessian(lambda s: f({"M": s * v}, dt=0.05, steps=4)["M"])(0.0)
+    assert np.asarray(second) == pytest.approx(2 * 0.2 * np.cross(v, v / (J.sum() - J)), rel=1e-12)
+
+
 def along(f: Any, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """The derivative by differences of order 4."""
     h = 1e-4
