@@ -194,7 +194,7 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.units.measured(time="ms"), "Write measured(run, time='ms')"),
     (lambda run: physical.read_added_mass(range(3)), "needs the name of a text file"),
     (lambda run: physical.SubmergedBody(1.0, [1e-320] * 3), "Use other units"),
-    (lambda run: physical.SubmergedBody(1.0, (1, 2, 2.5), linear_drag=[[1], [1, 2]]), "of shape (6,)"),
+    (lambda run: physical.SubmergedBody(1.0, (1, 2, 2.5), linear_drag=[[1], [1, 2]]), "must be six values"),
     (lambda run: physical.Orbit.circular(5e5, primary="Earth"), "primary: expected"),
     (lambda run: physical.Orbit(7e6, primary=physical.Primary("x", -1.0, 0.0)), "mu must be a finite number > 0"),
     (lambda run: physical.Orbit(7e6).at(np.inf), "time: expected finite values"),

@@ -320,7 +320,6 @@ def test_mistakes_are_named(mistake):
 # -- derivatives -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
 def by_density(density):
     return {"torque": 1e-9 * np.array([1.0, 0, 0]) / density}
 
@@ -341,6 +340,7 @@ def test_a_law_that_divides_by_a_missing_field_is_named(control, primary, name):
     assert "smaller dt" not in str(error.value)
 
 
+@pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
 def test_derivatives_go_through_samples():
     """By a gain that is two samples late, against a difference; the motion is that of a run, bit for bit."""
     import jax
