@@ -1,4 +1,8 @@
-"""Gradients and tangent maps by kr.differentiable: processor time relative to the motion, and memory.
+"""Gradients, tangent maps and Hessians by kr.differentiable: processor time relative to the motion, and memory.
+
+compile_s, hessian_compile_s   the first call less a later one: recording, and compiling by JAX and for kernels
+
+With KREISEL_CACHE in an empty folder, kernels are compiled as on a new machine.
 
 python benchmarks/derivatives.py [--steps 1000000]      # writes results/derivatives.json
 """
@@ -15,7 +19,7 @@ from cases import machine, parser, write
 import kreisel as kr
 from kreisel import algebra, reduction as red
 
-REPEAT = 3
+REPEAT = 9
 START = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
 BODY = {"M": (0.1, 0.2, 1.5), "P": (0.6, 0, 0.8)}
 M4 = algebra.skew(np.array([0.3, -0.2, 0.5, 0.1, 0.4, -0.3]), 4)
@@ -59,11 +63,14 @@ def main() -> None:
             )
             jacobian = jax.jit(jax.jacfwd(lambda s, f=f, count=count: f(s, dt=0.1, steps=count)))
             once, again, columns = (seconds(made, x0) for made in (forward, gradient, jacobian))
+            hessian = jax.jit(jax.hessian(lambda s, f=f, letter=letter: f(s, dt=0.1, steps=100)[letter][0]))
+            second = seconds(hessian, x0)
             room = gradient.lower(x0).compile().memory_analysis().temp_size_in_bytes
         rows.append({"system": model.system.name, "n": model.n, "method": method, "order": order, "steps": count,
                      "ns_a_step": 1e9 * once[1] / count, "gradient_over_motion": again[1] / once[1],
                      "tangent_over_motion": columns[1] / once[1],
-                     "compile_s": again[0] - again[1], "room_bytes": room})  # fmt: skip
+                     "compile_s": again[0] - again[1], "hessian_compile_s": second[0] - second[1],
+                     "room_bytes": room})  # fmt: skip
         print(rows[-1], flush=True)
     write({"machine": machine(), "jax": jax.__version__, "rows": rows}, asked.output)
 

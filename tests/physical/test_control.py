@@ -342,28 +342,32 @@ def test_a_law_that_divides_by_a_missing_field_is_named(control, primary, name):
 
 @pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
 def test_derivatives_go_through_samples():
-    """By a gain that is two samples late, against a difference; the motion is that of a run, bit for bit."""
+    """By a gain that is a sample late, against a difference; the motion is that of a run.
+
+    Samples 12 s apart: the field of a run is interpolated in time for those at most 10 s apart, and here it is not.
+    """
     import jax
 
     from kreisel.reduction import double
 
-    body = noisy(noise={}, limits={}, delay=1)
+    law = kr.Control(bdot, every=12.0, memory={"before": (0, 0, 0)}, parameters={"gain": 3e3}, delay=1)
+    body = Satellite(TENSOR, orbit(), control=law)
     model, start = body.model(), body.state(spin=SPIN)
     motion = kr.differentiable(model, order=(2, 2), orientation=True)
     first = {**start.axial, "g": body.orientation()}
 
     def energy(gain):
-        return (motion(first, dt=1.0, steps=10, gain=gain)["M"] ** 2).sum()
+        return (motion(first, dt=6.0, steps=10, gain=gain)["M"] ** 2).sum()
 
     with double():
-        end = motion(first, dt=1.0, steps=10)
-        run = kr.simulate(model, start, orientation=body.orientation(), dt=1.0, steps=10, order=(2, 2), observe=())
+        end = motion(first, dt=6.0, steps=10)
+        run = kr.simulate(model, start, orientation=body.orientation(), dt=6.0, steps=10, order=(2, 2), observe=())
         for name in ("M", "before", "commanded_dipole"):
             assert np.asarray(end[name]) == pytest.approx(run[name].values[-1], rel=1e-13, abs=1e-18), name
         slope, h = jax.grad(energy)(3e3), 3.0
         assert float(slope) == pytest.approx(float(energy(3e3 + h) - energy(3e3 - h)) / (2 * h), rel=1e-6)
         with pytest.raises(kr.InputError, match="a step that divides the time"):
-            motion(first, dt=0.7, steps=2)
+            motion(first, dt=5.0, steps=3)  # past the sample at 12 s
 
 
 def test_a_motion_in_jax_is_sampled_once_in_each_interval() -> None:

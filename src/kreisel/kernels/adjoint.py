@@ -71,7 +71,7 @@ class Code:
     """Kernels of a step: its first part for each row of s, then the second, if any, compiled when they are first used.
 
     constants, of_stage   how many entries c and a row of s have
-    curved                the parts for derivatives of the second order and beyond; None: the same
+    higher                () -> the parts for derivatives of the second order and beyond; None: the same
     Codes of the same operations are equal, so JAX compiles their callers once.
     """
 
@@ -80,9 +80,9 @@ class Code:
         parts: Sequence[Part],
         constants: int,
         of_stage: int,
-        curved: Sequence[Part] | None = None,
+        higher: Callable[[], Sequence[Part]] | None = None,
     ):
-        self.curved, self.sizes = curved or parts, (len(parts[0].outputs), constants, of_stage)
+        self._higher, self.sizes = higher or (lambda: parts), (len(parts[0].outputs), constants, of_stage)
         self._loops = any(part.graph.loops or part.graph.branches for part in parts)
         self._parts = [Part(*arranged(*part)) for part in parts]
         self._work = SCALAR * sum(len(part.graph.needed(part.outputs)) for part in self._parts)
@@ -101,11 +101,16 @@ class Code:
         """The count of the entries of a state."""
         return self.sizes[0]
 
+    @cached_property
+    def higher(self) -> Sequence[Part]:
+        """The parts for derivatives of the second order and beyond, recorded when they are first needed."""
+        return self._higher()
+
     def with_tangent(self, wide: bool) -> Code:
         """The code of (z, v) -> (step(z), J v), v a tangent of z; if `wide`, c and s are followed by tangents too."""
         result = self._tangents.get(wide)
         if result is None:
-            parts, (_, c, s) = [self._with_tangent(part, wide) for part in self.curved], self.sizes
+            parts, (_, c, s) = [self._with_tangent(part, wide) for part in self.higher], self.sizes
             result = self._tangents[wide] = Code(parts, c * (1 + wide), s * (1 + wide))
         return result
 

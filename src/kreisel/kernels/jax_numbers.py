@@ -1,7 +1,7 @@
 """Definitions on JAX: compiled motions as primitives, a number that is in NumPy's object arrays, and orbits of steps.
 
-The primitives are an orbit, its tangent map (`push`), the transpose of that (`pull`), and the derivative of `pull` by
-the orbit (`bend`).  Each is linear in the arguments of its derivative, so JAX makes jvp, grad, vmap and scan of them.
+The primitives are an orbit, its tangent map (`push`), the transpose of that (`pull`), and products with the Hessian of
+<g, rows> (`hvp`).  Each is linear in the arguments of its derivative, so JAX makes jvp, grad, vmap and scan of them.
 Derivatives of higher order come from the orbit of a state and its tangent.  All arguments are rows of lanes:
 z (l, d), c (l, constants), s (l, stages, of a stage); tangents and slopes have a second axis of columns.
 
@@ -151,7 +151,7 @@ def rows_by_xla(code: Code, z: Any, c: Sequence[Any], s: Any, rows: int, every: 
     letters = [*(("z", i) for i in range(code.dim)), *moving]
     stage, *close = (
         _on_jax(part, [*letters, *extra], fixed)
-        for part, extra in zip(code.curved, ([("s", i) for i in range(s.shape[1])], []), strict=False)
+        for part, extra in zip(code.higher, ([("s", i) for i in range(s.shape[1])], []), strict=False)
     )
 
     def step(z: Any, constants: Any) -> Any:
@@ -181,7 +181,7 @@ def _push_by_orbit(z: Any, c: Any, s: Any, _: Any, *along: Any, code: Code, wide
     return [rows[..., code.dim :].reshape(lanes, count, -1, code.dim)]
 
 
-def _bend_by_pull(z: Any, c: Any, s: Any, g: Any, *along: Any, code: Code, wide: bool, **constants: Any) -> list[Any]:
+def _hvp_by_pull(z: Any, c: Any, s: Any, g: Any, *along: Any, code: Code, wide: bool, **constants: Any) -> list[Any]:
     """Slopes of <g, J v>, g (l, rows, d), by z, and by c and s if they have tangents in v: (l, ...)."""
     start, constants["code"] = _with_tangents((z, c, s), along), code.with_tangent(wide)
     _, marks = orbit_p.bind(*start, **constants)
@@ -190,7 +190,7 @@ def _bend_by_pull(z: Any, c: Any, s: Any, g: Any, *along: Any, code: Code, wide:
     return [v[:, 0, ..., : v.shape[-1] // 2] for v in slopes]
 
 
-def _bend_shapes(*args: Any, **_: Any) -> list[Any]:
+def _hvp_shapes(*args: Any, **_: Any) -> list[Any]:
     return [_array(*v.shape) for v in args[4:]]
 
 
@@ -220,7 +220,7 @@ def _primitive(name: str, function: Callable[..., list[Any]], shapes: Callable[.
 orbit_p = _primitive("kreisel_orbit", _by_host(_orbit, _orbit_shapes), _orbit_shapes)
 push_p = _primitive("kreisel_push", _by_host(_push, _push_shapes, unread=3), _push_shapes, "wide")
 pull_p = _primitive("kreisel_pull", _by_host(_pull, _pull_shapes), _pull_shapes, "wide")
-bend_p = _primitive("kreisel_bend", _bend_by_pull, _bend_shapes, "wide")
+hvp_p = _primitive("kreisel_hvp", _hvp_by_pull, _hvp_shapes, "wide")
 
 
 def _is_zero(x: Any) -> bool:
@@ -258,23 +258,23 @@ def _pull_jvp(at: Sequence[Any], along: Sequence[Any], *, wide: bool, **constant
         *start, _, g = at
         columns = [ad.instantiate_zeros(v) for v in along[: 3 if wide else 1]]
         spread = [jnp.repeat(x, g.shape[1], axis=0) for x in (*start, *columns)]
-        slopes = bend_p.bind(*spread[:3], g.reshape(-1, *g.shape[2:]), *spread[3:], wide=wide, **constants)
+        slopes = hvp_p.bind(*spread[:3], g.reshape(-1, *g.shape[2:]), *spread[3:], wide=wide, **constants)
         terms.append([v.reshape(x.shape) for v, x in zip(slopes, value, strict=False)])
     return value, [sum(slopes) for slopes in zip(*terms, strict=True)]
 
 
-def _bend_jvp(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any:
+def _hvp_jvp(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any:
     moving = [ad.instantiate_zeros(v) for v in along]
     if all(_is_zero(v) for v in along[:4]):
-        return bend_p.bind(*at, **constants), bend_p.bind(*at[:4], *moving[4:], **constants)
-    return jax.jvp(partial(_bend_by_pull, **constants), tuple(at), tuple(moving))
+        return hvp_p.bind(*at, **constants), hvp_p.bind(*at[:4], *moving[4:], **constants)
+    return jax.jvp(partial(_hvp_by_pull, **constants), tuple(at), tuple(moving))
 
 
-def _bend_transpose(slopes: Sequence[Any], *args: Any, **constants: Any) -> list[Any]:
+def _hvp_transpose(slopes: Sequence[Any], *args: Any, **constants: Any) -> list[Any]:
     """Second derivatives are symmetric."""
     if all(map(_is_zero, slopes)):
         return [None] * len(args)
-    result = bend_p.bind(*args[:4], *map(ad.instantiate_zeros, slopes), **constants)
+    result = hvp_p.bind(*args[:4], *map(ad.instantiate_zeros, slopes), **constants)
     return [None] * 4 + [v if ad.is_undefined_primal(x) else None for v, x in zip(result, args[4:], strict=True)]
 
 
@@ -322,14 +322,14 @@ def _batched(primitive: Any, lanes: int) -> Callable[..., Any]:
 ad.primitive_jvps[orbit_p] = _orbit_jvp
 ad.primitive_jvps[push_p] = _push_jvp
 ad.primitive_jvps[pull_p] = _pull_jvp
-ad.primitive_jvps[bend_p] = _bend_jvp
+ad.primitive_jvps[hvp_p] = _hvp_jvp
 ad.primitive_transposes[push_p] = _push_transpose
 ad.primitive_transposes[pull_p] = _pull_transpose
-ad.primitive_transposes[bend_p] = _bend_transpose
+ad.primitive_transposes[hvp_p] = _hvp_transpose
 batching.primitive_batchers[orbit_p] = _batched(orbit_p, 3)
 batching.primitive_batchers[push_p] = _batched(push_p, 4)
 batching.primitive_batchers[pull_p] = _batched(pull_p, 4)
-batching.primitive_batchers[bend_p] = _batched(bend_p, 7)
+batching.primitive_batchers[hvp_p] = _batched(hvp_p, 7)
 
 
 def with_jacobian(function: Callable[..., tuple[Array, ...]]) -> Callable[..., tuple[Array, ...]]:
@@ -523,9 +523,9 @@ def orbit(
     stages: Mapping[str, Any],
     rows: int,
     every: int,
-    curved: Steps | None = None,
+    higher: Steps | None = None,
 ) -> Array:
-    """States (rows + 1, d) at every `every` steps: `step` for each stage, then `close`; second derivatives by `curved`.
+    """States (rows + 1, d) at every `every` steps: `step` for each stage, then `close`; second derivatives by `higher`.
 
     By compiled kernels; by XLA where the step has a loop or is too long for them, or JAX not on the CPU.
     The reverse sweep keeps the states at the ends of about sqrt(every) parts, and the states of one part, made again.
@@ -538,7 +538,7 @@ def orbit(
         stage = adjoint.recorded(steps.step, kinds, n, {**names, **pairs[0][0]})
         return [stage] if steps.close is None else [stage, adjoint.recorded(steps.close, kinds, n, names)]
 
-    code = adjoint.Code(parts(motion), len(entries), len(pairs[0][1]), None if curved is None else parts(curved))
+    code = adjoint.Code(parts(motion), len(entries), len(pairs[0][1]), partial(parts, higher) if higher else None)
     s = jnp.stack([values(row) for _, row in pairs])
     if code.straight and jax.default_backend() == "cpu":
         return compiled_orbit(code, z, values(entries), s, rows, every)

@@ -70,14 +70,14 @@ class Step(NamedTuple):
     scheme      the step, (*z, **constants) -> z for each stage, and its components: state, orientation, further ones
     constants(own, known, dt)  -> constants of the trajectory, and of the stages (stage, ...)
     begin, end  the method's variables from the state, and back: (*state, **constants) -> state; None: the same
-    curved      the motion for derivatives of the second order and beyond; None: the same
+    higher      the motion for derivatives of the second order and beyond; None: the same
     """
 
     scheme: Scheme
     constants: Callable[[Parts, Known, Any], tuple[Known, Known]]
     begin: Callable[..., Parts] | None = None
     end: Callable[..., Parts] | None = None
-    curved: Steps | None = None
+    higher: Steps | None = None
 
 
 @explained
@@ -99,11 +99,11 @@ def differentiable(
     parameters  other values of parameters of the system, by letter; default: the system's values
 
     The function is the definition from which kernels are compiled, without projections.  It can go through jit, vmap,
-    grad, jacfwd and scan, in float64, inside `kreisel.reduction.double()`.  grad keeps 2 sqrt(steps) states.  A
-    `RunError` of `kr.simulate` is raised here too, or is NaN under tracing.  Needs the extra `reduction` (JAX).  For a
-    body of `kr.physical` states are in SI, with the names of its runs, and times in s; a `FreeBody` has the parameter
-    `moments`, its principal moments in kg m^2.  Raises `InputError` for methods without such a step, float32, and
-    traced values if a number is needed.
+    grad, jacfwd, hessian and scan, in float64, inside `kreisel.reduction.double()`; derivatives of "baecklund" are
+    right to the third order.  grad keeps 2 sqrt(steps) states.  A `RunError` of `kr.simulate` is raised here too, or is
+    NaN under tracing.  Needs the extra `reduction` (JAX).  For a body of `kr.physical` states are in SI, with the names
+    of its runs, and times in s; a `FreeBody` has the parameter `moments`, its principal moments in kg m^2.  Raises
+    `InputError` for methods without such a step, float32, and traced values if a number is needed.
     """
     if (body := as_body(system)) is not None:
         return _of_body(body, method, order, orientation)
@@ -212,8 +212,8 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
 
     motion = cast("Steps", chosen.motion)
     motion = Steps(partial(spun, motion.step), motion.close and partial(spun, motion.close))
-    curved = Steps(partial(_on_curve, model, motion.step), motion.close and partial(_on_curve, model, motion.close))
-    return Step(replace(chosen, motion=motion), _of_baecklund(model, chosen), curved=curved)
+    higher = Steps(partial(_on_curve, model, motion.step), motion.close and partial(_on_curve, model, motion.close))
+    return Step(replace(chosen, motion=motion), _of_baecklund(model, chosen), higher=higher)
 
 
 def _linear(model: Model, scheme: Scheme, oriented: bool) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
@@ -442,7 +442,7 @@ def _rows(
         flat = by.orbit_of_arrays(motion.step, scheme.kinds, model.n, flat, constants, rows, every)
     else:
         steps = cast("Steps", motion)
-        flat = by.orbit(steps, scheme.kinds, model.n, flat, constants, stages, rows, every, step.curved)
+        flat = by.orbit(steps, scheme.kinds, model.n, flat, constants, stages, rows, every, step.higher)
 
     def shown_row(row: Array) -> dict[str, Array]:
         x = algebra.restore(by.numbers(row), scheme.kinds, model.n)[: len(shown)]
