@@ -324,6 +324,7 @@ def by_density(density):
     return {"torque": 1e-9 * np.array([1.0, 0, 0]) / density}
 
 
+@pytest.mark.filterwarnings("ignore:control, torque. expected a magnetic field")
 @pytest.mark.parametrize(
     ("control", "primary", "name"),
     [

@@ -673,6 +673,28 @@ def test_air_that_a_law_reads_has_an_effect(sensor: str) -> None:
         kr.simulate(sat, sat.state((0.01, 0, 0)), dt=1.0, steps=2, progress=False)
 
 
+MOON = Orbit.circular("100 km", primary=Primary("Moon", 4.9028e12, 1.7374e6))
+MAGNETS: dict[str, dict[str, Any]] = {
+    "law": {"control": kr.Control(lambda rates: {"dipole": -rates})},
+    "rods": {"control": kr.physical.hysteresis_rods((1, 0, 0), 1e-6, 10, 0.1, 0.5)},
+    "eddy currents": {"torque": kr.physical.EddyCurrents(1.0)},
+    "list": {"torque": [lambda t: (0, 0, 1e-6 + 0 * t), lambda B: B]},
+    "potential": {"potential": lambda B: -B[0]},
+}
+
+
+@pytest.mark.parametrize("name", MAGNETS)
+def test_magnets_without_a_field_are_doubted(name: str) -> None:
+    with pytest.warns(kr.InputWarning, match="expected a magnetic field, in which dipoles of a law and torques of B"):
+        Satellite(TENSOR, MOON, **MAGNETS[name])
+    assert Satellite(TENSOR, LOW, **MAGNETS[name]).orbit is LOW  # warnings are errors here
+
+
+def test_wheels_that_magnets_do_not_unload_need_no_field() -> None:
+    law = kr.physical.pointing(Wheels(np.eye(3)), 1e-3, 1e-2)
+    assert Satellite(TENSOR, MOON, wheels=Wheels(np.eye(3)), control=law).control is law
+
+
 @pytest.mark.parametrize("forces", [{"damping": 0.1}, {"potential": lambda P: 0.01 * P[0] ** 2}])
 def test_forces_leave_the_doubt_about_impossible_moments(forces: dict[str, Any]) -> None:
     top = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=3.0), **forces)

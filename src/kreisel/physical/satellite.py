@@ -8,6 +8,7 @@ the mean equator and the mean equinox at the epoch.  The results are parameters 
 from __future__ import annotations
 
 import datetime as dt
+import inspect
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field as stored, replace
@@ -22,7 +23,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, doubt, explained, require_one_of, shown
-from kreisel.forces.body import MOTION, PLACE
+from kreisel.forces.body import MOTION, PLACE, RATE
 from kreisel.physical.body import Forced, by_functions
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.measures import (
@@ -205,7 +206,21 @@ class Satellite(Forced):
         date = self.orbit.epoch
         epoch = "" if date is None else date.replace(tzinfo=None).isoformat()
         frame = BodyFrame.in_units(1.0, 1.0, along, work=("J", 1.0), balance=("J", 1.0))
-        return self.forced(model.of_body(replace(frame, epoch=epoch)), (*MOTION, *PLACE))
+        model = self.forced(model.of_body(replace(frame, epoch=epoch)), (*MOTION, *PLACE))
+        if not np.any(model.params["field"]) and not np.any(model.params["gauss"]) and self._magnetic(model):
+            doubt(
+                "control, torque: expected a magnetic field, in which dipoles of a law and torques of B act, got none: "
+                "they do not rotate the satellite. Give the primary its field: Primary(..., field=...), in T m^3."
+            )
+        return model
+
+    def _magnetic(self, model: Model) -> bool:
+        """Whether a law commands dipoles, unless they unload wheels at the rate 0, or a function reads the field."""
+        functions = filter(callable, (*np.atleast_1d(self.torque), self.potential))
+        read = {name for function in functions for name in inspect.signature(function).parameters}
+        control = model.system.perturbation and model.system.perturbation.control
+        commands = control.commands if control and np.any(model.params.get("unloading", 1)) else {}
+        return bool(read & {"B", RATE} or "dipole" in commands)
 
     def state(self, spin: Any = None, axis: Any = None, attitude: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
