@@ -277,13 +277,17 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
 def _rate(model: Model, state: State) -> Array:
     """About the fastest rate of the motion, from its right-hand side linearised along the state."""
     flat, kinds, slopes = _flat(state), model.system.space.kinds, []
-    for i in range(flat.shape[-1]):
-        step = np.zeros(flat.shape[-1])
-        step[i] = 1.0
+    sizes = abs(flat.reshape(*flat.shape[:-1], 2, 3)).max(-1).repeat(3, -1)  # of M and of P
+    for way in np.moveaxis(np.eye(6) * np.where(sizes > 0, sizes, 1)[..., None], -1, 0):
         # exact: the field is quadratic
-        up, down = (model.flow(*algebra.restore(flat + s * step, kinds, 3)) for s in (0.5, -0.5))
-        slopes.append(_flat(up) - _flat(down))
-    return np.linalg.norm(np.stack(slopes, -1), 2, (-2, -1))
+        up, down = (model.flow(*algebra.restore(flat + s * way, kinds, 3)) for s in (0.5, -0.5))
+        slopes.append((_flat(up) - _flat(down)) / way.max(-1, keepdims=True))
+    J = np.stack(slopes, -1)
+    across, back = (np.linalg.norm(block, axis=(-2, -1)) for block in (J[..., :3, 3:], J[..., 3:, :3]))
+    unit = np.sqrt(np.divide(across, back, out=np.ones_like(back), where=(across > 0) & (back > 0)))[..., None, None]
+    J[..., :3, 3:] /= unit  # of M over P: rates of any units
+    J[..., 3:, :3] *= unit
+    return np.linalg.norm(J, 2, (-2, -1))
 
 
 def _flat(z: State) -> Array:

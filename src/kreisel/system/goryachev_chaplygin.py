@@ -168,6 +168,7 @@ def newton(z, dt, curve):
     p, q = (rounded(-parts(z * total)[1] - time) for total, time in ((first, dt), (second, 0)))
     det = a.im * b.re - a.re * b.im
     change = Complex((p * b.re - q * a.re) / det, (q * a.im - p * b.im) / det)
+    q = q / dt  # a time, as p is
     return change, where_less(abs(p), abs(q), abs(q), abs(p))
 
 

@@ -12,6 +12,8 @@ clebsch has F = P P^T, kovalevskaya-gyrostat the F of fields in so(n) x so(2), r
 [The flow by Brun, Bogoyavlensky, Reyman; Suris 2000 has an implicit map for unequal moments; this map was made here]
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from kreisel.algebra import KINDS, bracket, dot, hat, holds_objects, identity, mat, pairing, solve, symmetric, trace_log
@@ -178,7 +180,7 @@ SYSTEM = System(
     title="Body with equal moments in a quadratic potential",
     equations="M' = [F, B],  F' = [F, M]",
     source="Suris 2001, Introduction; Bogoyavlensky 1985, Reyman 1980",
-    space=FIELD_SPACE,
+    space=replace(FIELD_SPACE, unlike=True),
     parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -tr(B F)/2", diagonal=True),),
     **named(flow, energy, inverse_inertia, derive, lax),
     scaling="The one moment of inertia is 1. Every symmetric B is diagonal along axes of the body.",
