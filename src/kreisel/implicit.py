@@ -102,9 +102,17 @@ def through_inverse(S: Array, A: Array) -> tuple[Array, Array, Array]:
 
 
 def corrected(X, residual, c):
-    """X - c o residual(X), and the square of the correction, which tells how far X was off."""
-    change = c * residual(X)
-    return X - change, pairing(change, change)
+    """X - c o residual(X), and the square of the correction, which tells how far X was off.
+
+    For n > 3 it is a loop of one iteration, differentiated as a root; the limit of the doublings is not isolated.
+    """
+
+    def improved(X):
+        change = c * residual(X)
+        return (X - change,), pairing(change, change)
+
+    (X,), size = improved(X) if X.shape[-1] == 3 else repeat(improved, (X,), SMALL, 1, ("skew",))
+    return X, size
 
 
 def largest_step(M, J, P, enough=np.inf):

@@ -380,7 +380,7 @@ MUTANTS = [
     Mutant("loops", LLVM + "largest", 'fcmp_ordered(">="', 'fcmp_ordered("<="'),
     # slopes and tangents
     Mutant("sweeps", "graph.arranging:pulled", "-slope if", "slope if"),
-    Mutant("sweeps", "graph.arranging:pushed", "-tangent if", "tangent if"),
+    Mutant("sweeps", "graph.arranging:_tangents", "-tangent if", "tangent if"),
     # the step of a map
     Mutant("stages", STEPS + "Constants.at", "stage * self._stride", "0"),
     Mutant("stages", STEPS + "Constants.begin", "s.beyond(stage * of_stages)", "s"),

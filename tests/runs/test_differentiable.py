@@ -51,6 +51,7 @@ CASES = [
     (kr.EulerTop(J=(1, 2, 3, 4)), {"M": M4}, "variational", 2),
     (kr.EulerTop(J=(1, 2, 3)), {"M": MOVING["M"]}, "midpoint", 2),
     (kr.Clebsch(b=(1, 2, 3.5)), MOVING, "suris", 2),
+    (kr.EulerTop(J=(1, 2, 3, 4)), {"M": M4}, "veselov", 2),
 ]
 
 
@@ -119,7 +120,10 @@ def slopes(model: Any, start: Any, letter: str, method: str, order: Any, **more:
         (4, "alpha", {"alpha": np.array(1.7)}),
         (5, "M", {}),
         (8, "A", {"A": np.array([0.2, 0.1, 0.9])}),
-        *[(11, "M", {})] * FULL,
+        (10, "J", {"J": np.array([1.0, 2, 3, 4])}),
+        (11, "M", {}),
+        (13, "M", {}),
+        (13, "dt", {}),
     ],
 )
 def test_derivatives_are_those_of_differences(case: int, letter: str, more: Any) -> None:
@@ -208,11 +212,10 @@ KAHAN = (
     "zhukovsky-volterra heisenberg-chain spin-chain uniaxial-chain"
 ).split()
 STEPPED = dict.fromkeys(KAHAN, "kahan")  # system: method, if not the default
-ITERATED = ("neumann-veselov", "rosochatius")  # whose steps with a loop XLA compiles for minutes
 FEW = ("heavy-top",)  # a kernel each
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ITERATED] if FULL else FEW)
+@pytest.mark.parametrize("name", NAMES if FULL else FEW)
 def test_a_motion_has_derivatives_by_every_parameter(name: str) -> None:
     """One by one, or by all together, from a start where some parameters are 0, 1 or equal."""
     made, x, v = varied(KNOWN[name])
@@ -363,6 +366,34 @@ def test_a_loop_has_the_derivative_of_its_fixed_point() -> None:
         assert abs(fixed(c) - 2 * (1 - np.sqrt(0.4))) < 1e-14
         for derivative in (jax.grad, jax.jacfwd):
             assert abs(derivative(fixed)(c)[0] - 1 / np.sqrt(0.4)) < 1e-13
+        second, third = jax.hessian(fixed), jax.jacfwd(jax.hessian(fixed))
+        assert abs(second(c)[0, 0] - 0.4**-1.5 / 2) < 1e-12 and abs(third(c)[0, 0, 0] - 0.4**-2.5 * 3 / 4) < 1e-11
+
+
+@pytest.mark.parametrize("engine", ["kernels", "XLA"])
+def test_a_loop_that_only_finds_where_another_starts_has_no_derivative(
+    engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """(x, d) -> (x (1 + d), d^2) ends at d = 0 with any x; the loop after it solves x^2 = c."""
+
+    def step(x: Any, *, c: Any) -> Any:
+        def product(X: Any, d: Any) -> Any:
+            return (X + X * d, d * d), (d * d).sum(-1).sum(-1)
+
+        def newton(X: Any) -> Any:
+            change = (X * X - c.reshape(1, 1)) / (2 * X)
+            return (X - change,), (change * change).sum(-1).sum(-1)
+
+        first = x.reshape(1, 1)
+        (X, _), _ = repeat(product, (first, c.reshape(1, 1) / 4), 1e-30, 20, ("matrix", "matrix"))
+        (X,), _ = repeat(newton, (X,), 1e-30, 20, ("matrix",))
+        return (X[0],)
+
+    if engine == "XLA":
+        monkeypatch.setattr(jax, "default_backend", lambda: "another")
+    with red.double():
+        root = jax.grad(lambda c: by.orbit(Steps(step), ["R^1"], 1, jnp.ones(1), {"c": numbers(c)}, {}, 1, 1)[1, 0])
+        assert abs(root(jnp.array([2.0]))[0] - 2**-1.5) < 1e-14
 
 
 def test_a_map_whose_eigenvalue_needs_no_search() -> None:

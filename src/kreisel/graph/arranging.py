@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel.algebra import gradient
+from kreisel.algebra import gradient, identity, solve
 from kreisel.graph import graph as ops
-from kreisel.graph.graph import Graph, Number, Operand, depending, evaluated, if_positive, operands_of, where_less
+from kreisel.graph.graph import Graph, Loop, Number, Operand, depending, evaluated, if_positive, operands_of, where_less
 
 SAME, LOOPING = "same", 6
 CYCLES = 4  # of an operation; one begins in each.  A quotient of 13 makes no step faster, two at once one 14 % slower
@@ -289,22 +289,22 @@ def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
     return [nodes[i] for i in reversed(order)]
 
 
-def independent(graph: Graph, nodes: Sequence[int], letters: Collection[str]) -> set[int]:
-    """The nodes that depend on inputs of these letters only, and on no loop or branch."""
+def independent(graph: Graph, nodes: Sequence[int], letters: Collection[str], loops: bool = False) -> set[int]:
+    """The nodes that depend on inputs of these letters only, and on no branch, and no loop unless `loops` may be."""
     out = set[int]()
     for at in nodes:
         operation, *operands = graph.nodes[at]
         if operation == ops.IN:
             fixed = operands[0] in letters
         else:
-            plain = operation not in (ops.LOOP, ops.BRANCH, ops.RESULT, ops.VARIABLE)
+            plain = loops or operation not in (ops.LOOP, ops.BRANCH, ops.RESULT, ops.VARIABLE)
             fixed = plain and all(x.at in out for x in operands_of(graph.nodes[at]))
         if fixed:
             out.add(at)
     return out
 
 
-# -- derivatives of graphs without loops -------------------------------------------------------------
+# -- derivatives of graphs, of loops 0 -----------------------------------------------------------------
 
 
 CHOICES = (ops.WHERE, ops.MAX)  # the derivative of the other value does not count, even if it is not finite
@@ -325,25 +325,62 @@ def pushed(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[G
 
     Inputs of the letters `fixed` have none.
     """
-    along: dict[int, Operand] = {}
+    graph, new, moving = _copy(graph, outputs, fixed)
+    inputs = (at for at in moving if graph.nodes[at][0] == ops.IN)
+    along = {at: graph.input(f"v{graph.nodes[at][1]}", graph.nodes[at][2]) for at in inputs}
+    return graph, [*new, *_tangents(graph, moving, along, new)]
+
+
+def _tangents(
+    graph: Graph, nodes: Sequence[int], along: Mapping[int, Operand], outputs: Sequence[Operand]
+) -> list[Operand]:
+    """Tangents of outputs, recorded in the same graph, from those `along` some nodes, of the nodes in order."""
+    tangents = dict(along)
 
     def of(x: Operand) -> Operand:
-        tangent = along.get(x.at, 0.0) if isinstance(x, Number) else 0.0
+        tangent = tangents.get(x.at, 0.0) if isinstance(x, Number) else 0.0
         return -tangent if isinstance(x, Number) and x.negative else tangent
 
-    graph, new, moving = _copy(graph, outputs, fixed)
-    for at in moving:
+    for at in nodes:
         operation, *operands = graph.nodes[at]
-        if operation == ops.IN:
-            letter, index = operands
-            along[at] = graph.input(f"v{letter}", index)
-        elif operation in CHOICES:
+        if at in along:
+            continue
+        if operation in CHOICES:
             x, y = operands[:2]
             yes, no = (y, x) if operation == ops.MAX else operands[2:]
-            along[at] = where_less(x, y, of(yes), of(no))
+            tangents[at] = where_less(x, y, of(yes), of(no))
         else:
-            along[at] = sum((slope * of(x) for x, slope in _slopes(graph, at)), 0.0)
-    return graph, [*new, *map(of, new)]
+            tangents[at] = sum((slope * of(x) for x, slope in _slopes(graph, at)), 0.0)
+    return [*map(of, outputs)]
+
+
+def with_roots(graph: Graph, outputs: Sequence[Operand], steps: int, most: float) -> tuple[Graph, list[Operand]]:
+    """A new graph with steps of Newton's method behind each loop, for the derivatives of its root x = body(x).
+
+    One step gives the first derivatives, two all up to the third.  Raises `TooLong` beyond `most`
+    operations.
+    """
+    new, nodes, places = Graph(most), graph.needed(outputs), {x.at for x in outputs if isinstance(x, Number)}
+    for at in reversed(nodes):
+        if at in places:
+            body = graph.body_of(at)
+            start = 2 + len(body.variables) if isinstance(body, Loop) else 0  # where a loop starts does not count
+            places |= {x.at for x in operands_of(graph.nodes[at][start:])}
+    in_outputs = iter([at in places for at in nodes if graph.nodes[at][0] == ops.LOOP])
+
+    def solved(body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], small: float, count: int) -> list[Any]:
+        *x, defect = new.repeat(body, start, small, count)
+        for _ in range(steps if next(in_outputs) else 0):
+            *image, _ = body(x)
+            at_x = {v.at for v in x}
+            moving = sorted(depending(new, new.needed(image), lambda _: False, at_x) - at_x)
+            columns = [_tangents(new, moving, {v.at: -1.0 if v.negative else 1.0}, image) for v in x]
+            slopes = identity(len(x)) - np.array(columns, dtype=object).T
+            miss = ops.array_of([v - y for v, y in zip(x, image, strict=True)])
+            x = [v - change for v, change in zip(x, solve(slopes, miss[:, None])[:, 0], strict=True)]
+        return [*x, defect]
+
+    return new, evaluated(graph, outputs, new.input, ops.APPLIED | {ops.LOOP: solved})
 
 
 def pulled(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[Graph, dict[tuple[str, int], Operand]]:
@@ -375,10 +412,10 @@ def pulled(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[G
 
 def _copy(graph: Graph, outputs: Sequence[Operand], fixed: str) -> tuple[Graph, list[Operand], list[int]]:
     new = Graph()
-    copies = evaluated(graph, outputs, new.input)
+    copies = new.copy(graph, outputs)
     nodes = new.needed(copies)
     still = independent(new, nodes, fixed)
-    return new, copies, [at for at in nodes if at not in still]
+    return new, copies, [at for at in nodes if at not in still and new.nodes[at][0] not in (ops.LOOP, ops.RESULT)]
 
 
 def _slopes(graph: Graph, at: int) -> list[tuple[Number, Operand]]:

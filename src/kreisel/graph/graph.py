@@ -131,6 +131,19 @@ class Graph:
         results = [Number(self, self._added((RESULT, loop, i))) for i in range(len(new))]
         return results[:-1], results[-1]
 
+    def repeat(
+        self, body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Operand], small: float, most: int
+    ) -> list[Operand]:
+        """The loop with the arguments and the result of `looped`."""
+        x, defect = self.loop(lambda variables: ((new := body(variables))[:-1], new[-1]), start, small, most)
+        return [*x, defect]
+
+    def copy(
+        self, graph: Graph, outputs: Sequence[Operand], inputs: Callable[[str, int], Any] | None = None
+    ) -> list[Operand]:
+        """The outputs of a graph, recorded in this one, of inputs(letter, index)."""
+        return evaluated(graph, outputs, inputs or self.input, APPLIED | {LOOP: self.repeat})
+
     def for_rows(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
         """body(*row) for rows of constants, written out."""
         return [body(*map(float, row)) for row in rows]
@@ -439,9 +452,11 @@ def maximum(x: Any, y: Any) -> Any:
     return max(x, y)
 
 
-def depending(graph: Graph, nodes: Sequence[int], changes: Callable[[str], bool]) -> set[int]:
-    """The nodes among these, in order, that depend on an input whose letter `changes`."""
-    out = set[int]()
+def depending(
+    graph: Graph, nodes: Sequence[int], changes: Callable[[str], bool], places: Iterable[int] = ()
+) -> set[int]:
+    """The nodes among these, in order, that depend on an input whose letter `changes`, or on a node at the places."""
+    out = set(places)
     for at in nodes:
         node = graph.nodes[at]
         if (node[0] == IN and changes(node[1])) or not out.isdisjoint(x.at for x in operands_of(node)):

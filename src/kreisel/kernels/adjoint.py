@@ -14,13 +14,25 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra.reuse import cached_property
-from kreisel.graph.arranging import arranged, independent, latest, pulled, pushed
-from kreisel.graph.graph import APPLIED, BRANCH, Graph, Number, Operand, array_of, evaluated, where_less
+from kreisel.graph.arranging import arranged, independent, latest, pulled, pushed, with_roots
+from kreisel.graph.graph import (
+    APPLIED,
+    BRANCH,
+    LOOP,
+    Graph,
+    Number,
+    Operand,
+    TooLong,
+    array_of,
+    evaluated,
+    where_less,
+)
 from kreisel.graph.llvm import DOUBLE, Function, Integer, Value, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.graph.recording import as_operands
 from kreisel.kernels.layout import Floats, on_threads
 
+MOST = 50_000  # operations recorded for the derivatives of a stage with a loop
 MOST_NODES = 8000  # of a stage, arranged; the transpose of 6100, a binary with tides and the Sun: 12 s, by XLA > 500 s
 SCALAR = 4  # operations on lanes in the time of one of a scalar
 VECTORS = 1, 4, 8  # columns that are taken at once
@@ -72,6 +84,7 @@ class Code:
 
     constants, of_stage   how many entries c and a row of s have
     higher                () -> the parts for derivatives of the second order and beyond; None: the same
+    rooted                whether Newton's steps follow the loops
     Codes of the same operations are equal, so JAX compiles their callers once.
     """
 
@@ -81,10 +94,10 @@ class Code:
         constants: int,
         of_stage: int,
         higher: Callable[[], Sequence[Part]] | None = None,
+        rooted: bool = False,
     ):
         self._higher, self.sizes = higher or (lambda: parts), (len(parts[0].outputs), constants, of_stage)
-        self._loops = any(part.graph.loops or part.graph.branches for part in parts)
-        self._parts = [Part(*arranged(*part)) for part in parts]
+        self._rooted, self._parts = rooted, [Part(*arranged(*part)) for part in parts]
         self._work = SCALAR * sum(len(part.graph.needed(part.outputs)) for part in self._parts)
         self._key = self.sizes, *(part.graph.digest(part.outputs) for part in self._parts)
         self._kernels: dict[Any, Kernel] = {}
@@ -110,8 +123,8 @@ class Code:
         """The code of (z, v) -> (step(z), J v), v a tangent of z; if `wide`, c and s are followed by tangents too."""
         result = self._tangents.get(wide)
         if result is None:
-            parts, (_, c, s) = [self._with_tangent(part, wide) for part in self.higher], self.sizes
-            result = self._tangents[wide] = Code(parts, c * (1 + wide), s * (1 + wide))
+            parts, (_, c, s) = [self._with_tangent(part, wide) for part in self._smooth(self.higher, 2)], self.sizes
+            result = self._tangents[wide] = Code(parts, c * (1 + wide), s * (1 + wide), rooted=True)
         return result
 
     def _with_tangent(self, part: Part, wide: bool) -> Part:
@@ -120,12 +133,26 @@ class Code:
         def inputs(letter: str, i: int) -> Number:
             return graph.input(letter[-1], i + sizes[letter[-1]] * (len(letter) - 1))
 
-        return Part(graph, as_operands(evaluated(*pushed(*part, "" if wide else "cs"), inputs)))
+        return Part(graph, as_operands(graph.copy(*pushed(*part, "" if wide else "cs"), inputs)))
+
+    def _smooth(self, parts: Sequence[Part], steps: int) -> Sequence[Part]:
+        """The parts with derivatives of their loops, by steps of Newton's method."""
+        if self._rooted or not any(part.graph.loops for part in parts):
+            return parts
+        return [Part(*with_roots(*part, steps, MOST)) for part in parts]
 
     @cached_property
-    def straight(self) -> bool:
-        """Whether kernels can be made of it: there is no loop and no branch, and it is not too long."""
-        return not self._loops and all(len(part.graph.needed(part.outputs)) < MOST_NODES for part in self._parts)
+    def _derived(self) -> Sequence[Part]:
+        """The parts that are differentiated."""
+        return [Part(*arranged(*part)) for part in self._smooth(self._parts, 1)]
+
+    @cached_property
+    def compiled(self) -> bool:
+        """Whether derivatives can be compiled: they are not too long."""
+        try:
+            return all(len(part.graph.needed(part.outputs)) < MOST_NODES for part in self._derived)
+        except TooLong:
+            return False
 
     def _kernel(
         self, write: Callable[..., None], arguments: int, derive: Callable[..., Any] | None, *options: Any
@@ -133,7 +160,7 @@ class Code:
         """The kernel that write(function, derivatives, *options) writes, with derivatives from derive(part)."""
         result = self._kernels.get((write.__name__, *options))
         if result is None:
-            parts = [Part(*arranged(*derive(part))) for part in self._parts] if derive else []
+            parts = [Part(*arranged(*derive(part))) for part in self._derived] if derive else []
             key = write.__name__, *options, self._key, *(part.graph.digest(part.outputs) for part in parts)
             result = self._kernels[write.__name__, *options] = kernel(
                 key, arguments, lambda f: write(f, parts, *options)
@@ -186,7 +213,7 @@ class Code:
         """Slopes by z; if `wide` also by c and s, added to h and q."""
         graph, slopes = pulled(*part, "" if wide else "cs")
         outputs = [slopes.get(("z", i), 0.0) for i in range(self.dim)]
-        of_stage = self.sizes[2] if part is self._parts[0] else 0
+        of_stage = self.sizes[2] if part is self._derived[0] else 0
         for old, letter, size in (("h", "c", self.sizes[1]), ("q", "s", of_stage)):
             outputs += [graph.input(old, i) + slopes.get((letter, i), 0.0) for i in range(size * wide)]
         return graph, outputs
@@ -204,12 +231,12 @@ class Code:
         def through(k: int, stage: Integer) -> None:
             graph, outputs = derivatives[k]
             nodes = graph.needed(outputs)
-            still = independent(graph, nodes, "zcs")
+            still = independent(graph, nodes, "zcs", loops=True)
             fixed, moving = ([at for at in nodes if (at in still) == chosen] for chosen in (True, False))
             values: dict[int, Value] = {}
             f.compute(graph, latest(graph, fixed), values, motion.inputs(stage), DOUBLE)
             motion.state = [f.value(x, values, DOUBLE) for x in outputs[: self.dim]]
-            spread = {at: f.spread(values[at], kind) for at in fixed}
+            spread = {at: f.spread(values[at], kind) for at in fixed if graph.nodes[at][0] != LOOP}
             columns = [("z", vz), ("c", vc), ("s", vs.beyond(stage * self.sizes[2] * blocks))]
             with f.loop(0, blocks) as block:
                 inputs = zip(columns, self.sizes if wide else self.sizes[:1], strict=False)

@@ -86,7 +86,7 @@ def _pull_shapes(z: Any, c: Any, s: Any, marks: Any, g: Any, *, wide: bool, **_:
     return [_array(*lead, z.shape[1]), *shapes]
 
 
-# -- the same by XLA, for loops and long steps ------------------------------------------------------------
+# -- the same by XLA, for long steps ------------------------------------------------------------
 
 
 def _looped(body: Callable[[Any], Sequence[Any]], start: Sequence[Any], small: float, most: int) -> list[Any]:
@@ -118,7 +118,7 @@ def _stacked(values: Sequence[Any]) -> Any:
 
 def _entry(*_: Any) -> Any:
     raise InputError(
-        "kr.Table: expected derivatives of compiled steps, got a step with a loop, or too long for kernels. "
+        "kr.Table: expected derivatives of compiled steps, got a step that is too long for kernels. "
         "Write the values as a formula of t, or difference first derivatives."
     )
 
@@ -527,7 +527,7 @@ def orbit(
 ) -> Array:
     """States (rows + 1, d) at every `every` steps: `step` for each stage, then `close`; second derivatives by `higher`.
 
-    By compiled kernels; by XLA where the step has a loop or is too long for them, or JAX not on the CPU.
+    By compiled kernels; by XLA where the step is too long for them, or JAX not on the CPU.
     The reverse sweep keeps the states at the ends of about sqrt(every) parts, and the states of one part, made again.
     """
     names, entries = _named("c", constants)
@@ -540,7 +540,7 @@ def orbit(
 
     code = adjoint.Code(parts(motion), len(entries), len(pairs[0][1]), partial(parts, higher) if higher else None)
     s = jnp.stack([values(row) for _, row in pairs])
-    if code.straight and jax.default_backend() == "cpu":
+    if code.compiled and jax.default_backend() == "cpu":
         return compiled_orbit(code, z, values(entries), s, rows, every)
     return rows_by_xla(code, z, [plain(v) for v in entries], s, rows, every)
 

@@ -99,11 +99,12 @@ def differentiable(
     parameters  other values of parameters of the system, by letter; default: the system's values
 
     The function is the definition from which kernels are compiled, without projections.  It can go through jit, vmap,
-    grad, jacfwd, hessian and scan, in float64, inside `kreisel.reduction.double()`; derivatives of "baecklund" are
-    right to the third order.  grad keeps 2 sqrt(steps) states.  A `RunError` of `kr.simulate` is raised here too, or is
-    NaN under tracing.  Needs the extra `reduction` (JAX).  For a body of `kr.physical` states are in SI, with the names
-    of its runs, and times in s; a `FreeBody` has the parameter `moments`, its principal moments in kg m^2.  Raises
-    `InputError` for methods without such a step, float32, and traced values if a number is needed.
+    grad, jacfwd, hessian and scan, in float64, inside `kreisel.reduction.double()`; derivatives of "baecklund" and of
+    steps with a loop are right to the third order.  grad keeps 2 sqrt(steps) states.  A `RunError` of `kr.simulate` is
+    raised here too, or is NaN under tracing.  Needs the extra `reduction` (JAX).  For a body of `kr.physical` states
+    are in SI, with the names of its runs, and times in s; a `FreeBody` has the parameter `moments`, its principal
+    moments in kg m^2.  Raises `InputError` for methods without such a step, float32, and traced values if a number is
+    needed.
     """
     if (body := as_body(system)) is not None:
         return _of_body(body, method, order, orientation)
