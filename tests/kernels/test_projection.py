@@ -335,6 +335,7 @@ def test_a_map_that_does_not_conserve_ends_with_an_error(where: str, often: int,
     assert raw.attrs["projection"] == 0
 
 
+@pytest.mark.filterwarnings("ignore:Lane .* more than half a revolution")
 def test_a_lane_that_does_not_conserve_fails_alone(often: int, tmp_path: Path) -> None:
     """dt = 40 of order 8 is far too long for one of the lanes."""
     top = kr.LagrangeTop(p=(0, 0, 1))

@@ -459,6 +459,7 @@ def test_a_run_beyond_igrf_warns() -> None:
             kr.simulate(many, many.state(), dt="10 min", **asked, method="none")
 
 
+@pytest.mark.filterwarnings("ignore:Lane 0. dt = 600 s is too long for the forces")
 def test_sweeps_and_resumed_runs_beyond_igrf_warn(tmp_path: Path) -> None:
     body = Satellite((0.05, 0.04, 0.01), Orbit.circular("500 km", epoch="2029-12-31"), degree=1)
     asked: dict[str, Any] = {"dt": "10 min", "progress": False}

@@ -279,6 +279,7 @@ def test_lanes_of_large_n_are_measured_in_their_form(monkeypatch: pytest.MonkeyP
     assert run.attrs["engine"] == "large" and not np.any(run.noether.attrs["roundoff_scale"])
 
 
+@pytest.mark.filterwarnings("ignore:Lane .* more than half a revolution")
 def test_lanes_of_a_sweep_shout(top: System, x0: object, tmp_path: Path, strict: None) -> None:
     """One lane has a step that is far too long; momenta of 1e-9 and a top at rest are right."""
     states = {"state.m[2]": [1.5, 1e-9, 0.0, 1.5], "run.dt": [0.05, 0.05, 0.05, TOO_LONG]}

@@ -194,6 +194,7 @@ def test_frequency_of_nutation(tmp_path: Path) -> None:
         assert abs(run.a_frequency.values[lane, 2] * period / (2 * np.pi) - 1) < 1e-7
 
 
+@pytest.mark.filterwarnings("ignore:Lane .* more than half a revolution")
 def test_bad_lanes_are_named_and_the_others_go_on(tmp_path: Path) -> None:
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
     alphas, spins = [1.0, 0.0, 0.7, 1.2, 1.3], [1.5, 1.5, 1e160, 1.5, 1e308]
@@ -216,6 +217,23 @@ def test_bad_lanes_are_named_and_the_others_go_on(tmp_path: Path) -> None:
     alone = kr.sweep(top, x0, good, path=tmp_path / "good.zarr", **options)
     assert (alone.a.values == run.a.values[:, [0, 3]]).all()
     assert check_archive(tmp_path / "s.zarr")[1] == []
+
+
+def test_long_steps_and_doubts_of_lanes_are_warned_of(tmp_path: Path) -> None:
+    """As in a run, once for the lane with the largest values; lanes of a safe step give no warning."""
+    top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
+    options: dict[str, Any] = {"steps": 3, "workers": 0, "progress": False}
+    grid = {"run.dt": [0.1, 4.0, 3.0], "state.m[2]": [1.5, -2.0]}
+    with pytest.warns(kr.AccuracyWarning, match=r"^Lane 3: dt = 4 is 8 rad of this motion in a step") as seen:
+        kr.sweep(top, x0, kr.Design(grid=grid), path=tmp_path / "long", **options)
+    assert len(seen) == 1 and seen[0].filename == __file__
+    kr.sweep(top, x0, kr.Design(grid=grid | {"run.dt": [0.1, 0.2]}), path=tmp_path / "short", **options)
+    satellite = kr.physical.Satellite((1, 2, 3), kr.physical.Orbit.circular("500 km"))
+    with pytest.warns(kr.AccuracyWarning, match=r"^Lane 1: dt = 100 s is too long for the forces"):
+        spins = {"spin": [(0, 0, 0.001), (0, 0.1, 0.3)]}
+        kr.sweep(satellite, {}, over=spins, dt="100 s", path=tmp_path / "fast", **options)
+    with pytest.warns(kr.AccuracyWarning, match="^Lane 0: dt = 5 is"):  # as `kreisel sweep` does
+        carried(tmp_path, SWEEP.replace("dt = 0.05", "dt = 5.0"))
 
 
 def test_a_lane_that_blows_up_late_keeps_its_rows(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.errors import AccuracyWarning, InputError, doubt, shown
+from kreisel.errors import AccuracyWarning, InputError, InputWarning, doubt, shown
 from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.engines import Engine
@@ -277,6 +277,12 @@ LONG_KICK = (
 
 def warn_of(plan: Plan) -> None:
     """Warns of steps too long for the motion or its forces, of impossible moments of inertia, and of doubtful input."""
+    for sentence, kind in doubts_of(plan):
+        doubt(sentence, kind)
+
+
+def doubts_of(plan: Plan) -> Iterator[tuple[str, type[Warning]]]:
+    """The sentences of `warn_of` and their kinds."""
     sentences, said = [], plan.model.body_frame.time_text
     if plan.scheme.name not in CLOSED and "expected_error" not in plan.scheme.options:  # order="auto" has measured it
         turn = plan.dt * rate(plan)
@@ -298,12 +304,11 @@ def warn_of(plan: Plan) -> None:
             "I_axial/I_transverse <= 2, since no moment is more than the sum of the other two. The equations are "
             "solved all the same."
         )
-    for sentence in sentences:
-        doubt(sentence, AccuracyWarning)
+    yield from ((sentence, AccuracyWarning) for sentence in sentences)
     checks = plan.model.system.checks
     for function in (checks.doubts, checks.idle):
         for sentence in call(function, (), plan.model.params) if function is not None else ():
-            doubt(sentence)
+            yield sentence, InputWarning
 
 
 def warn_of_arrays(plan: Plan) -> None:

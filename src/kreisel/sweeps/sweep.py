@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import itertools
 import json
 import os
+import re
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +26,7 @@ import pandas as pd
 import xarray as xr
 
 from kreisel.bodies import KNOWN
-from kreisel.errors import ConservationWarning, InputError, Stopped, explained, shown
+from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, Stopped, doubt, explained, shown
 from kreisel.files import read_values, shallow
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.process import Progress, signals_wait
@@ -36,6 +39,7 @@ from kreisel.runs.geometry import presented
 from kreisel.runs.in_si import scaled
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import NOT_CONSERVED
+from kreisel.runs.planning import doubts_of
 from kreisel.runs.settings import check_model, checked_state, flag, with_steps
 from kreisel.storage import checking
 from kreisel.storage.archive import new_target, one_writer
@@ -189,6 +193,7 @@ def carry_out(
         todo = store.open(overwrite)
         report = Report(path, store.sweep.lanes.total, store.blocks, store.blocks - len(todo))
         if todo:
+            _warn_of(store.sweep)
             with (
                 signals_wait() as stop,
                 pool(workers, scheduler, progress) as hands,
@@ -207,6 +212,22 @@ def carry_out(
         report.failed = SweepRecord.of_store(path).failed_lanes or 0
         report.seconds = time.perf_counter() - begun
         return report
+
+
+def _warn_of(sweep: Sweep) -> None:
+    """The warnings that runs of some lanes give, each once: lanes with the largest values, and equally far apart."""
+    axes, said = sweep.lanes.axes, set[str]()
+    tables = [[t for q in quantities if (t := sweep.lanes.tables[q]).dtype.kind in "iuf"] for quantities, _ in axes]
+    largest = [{int(abs(t).reshape(len(t), -1).max(1).argmax()) for t in of_axis} or {0} for of_axis in tables]
+    lanes = [int(np.ravel_multi_index(place, [size for _, size in axes])) for place in itertools.product(*largest)]
+    lanes += np.linspace(0, sweep.lanes.total - 1, LOOKED_AT).astype(int).tolist()
+    for lane in dict.fromkeys(lanes[:1] if sweep.automatic else lanes):
+        with suppress(*TROUBLES):
+            for sentence, kind in doubts_of(sweep.plan_of_lane(lane)):
+                words = re.sub(r"[\d.e+-]", "", sentence)  # without its values
+                if words not in said and not (sweep.automatic and kind is AccuracyWarning):  # whose steps are measured
+                    doubt(f"Lane {lane}: {sentence}", kind)
+                said.add(words)
 
 
 def _checked_description(description: dict[str, Any], source: Path | System | None) -> dict[str, Any]:
