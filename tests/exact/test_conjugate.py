@@ -392,6 +392,23 @@ def test_special_motions(system: Any, state: dict[str, Any]) -> None:
     assert off(system, run, flow_of(system, parts(system, state), 1.5, digits=20)) < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("M", "P"),
+    [
+        ([0, 0, 0, 0, 0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 1, 0, 0, 0, 1, 0]),
+        ([0, -1, 0, -2, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0, 0, 0, 0]),
+    ],
+)
+def test_triple_levels_are_no_points_of_a_map(M: list[int], P: list[int]) -> None:
+    """X(s) of rank 2, n = 5: the vectors of 0 are rounding, and so were shares of the step; it was another motion."""
+    system = kr.SteklovLyapunov(b=(1, 2, 3, 4, 5), s=1, l=0.5)
+    state = {name: algebra.skew(np.array(x, dtype=float), 5) for name, x in (("M", M), ("P", P))}
+    want = flow_of(system, parts(system, state), 0.125, digits=20)
+    for order, bound in ((2, 0.05), (8, 1e-10)):
+        options: dict[str, Any] = {"method": "baecklund", "order": order, "every": 16}
+        assert off(system, kr.simulate(system, state, dt=0.125 / 16, steps=16, **options), want) < bound
+
+
 @pytest.mark.parametrize("name", ["kovalevskaya", "steklov", "clebsch", "goryachev"])
 def test_a_lane_is_the_single_run_however_fast_the_others_are(name: str) -> None:
     """Bit for bit: lanes whose step is of fewer maps have the identity in place of others."""

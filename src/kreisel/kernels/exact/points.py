@@ -36,6 +36,7 @@ CLOSE = 1e-9  # a change of x, relative to the distance of a branch point, whose
 WIDTH = 4  # of vectors of heights, and of nodes
 BESIDE = 1e-5  # of the distance of a pole: between two points for a derivative
 EQUAL = 1e-7  # relative to the largest: double levels, up to the error of roots of a polynomial
+VECTOR = 1e-5  # relative: the defect of a vector; of triple levels the adjugate is rounding
 CERTAIN = 1e-5  # relative: fields that surely do not depend on others
 SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and for a body at rest
 SCALARS = (
@@ -217,7 +218,11 @@ class Choice(Formulas):
         after, before = (self._of_pairs("matrix", state, constants, lam + s * near) for s in (1, -1))
         left = left * (1 / (self._weighted(left, constants) * right).sum())
         values = [mu, *left, *(((after - before) @ right) / (2 * near))]
-        rates = self._rates(state, constants, lam, Pi)[: self.d]
+        matrix = self._of_pairs("matrix", state, constants, lam)
+        miss = matrix @ right - self._weighted(right, constants) * mu
+        miss, *sizes = (sum((y * y).sum() for y in algebra.parts(x)) for x in (miss, matrix, right))
+        sound = algebra.where_less(miss, VECTOR * VECTOR * sizes[0] * sizes[1], 1.0, np.nan)
+        rates = [sound * rate for rate in self._rates(state, constants, lam, Pi)[: self.d]]
         return [p for v in values for p in algebra.parts(v)] + rates
 
     def _meet(self, z: Array, inputs: Any, v: Array, x: Array) -> list[Any]:
