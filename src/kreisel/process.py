@@ -47,9 +47,12 @@ class Lock:
                 raise InputError(f"{self.path} is not a lock of Kreisel and is unchanged. {LOCK_REMEDY}")
             held = _held(self.path)
         if held is None:
+            of_worker = "__mp_main__" in sys.modules  # the script, imported by a worker process
             raise InputError(
-                f"{self.archive} is being written by another process, which holds {self.path}. Wait for it, stop it, "
-                "or choose another path."
+                f"{self.archive} is being written by another process, which holds {self.path}. "
+                "Usual cause: a script that calls this outside of `if __name__ == '__main__':`, which workers import."
+                if of_worker
+                else "Wait for it, stop it, or choose another path."
             )
         self._held = held
         return self

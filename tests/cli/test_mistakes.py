@@ -41,7 +41,7 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.simulate(TOP, None, dt=0.1, steps=3), "got None"),
     (lambda run: kr.simulate(BODY, X0, dt=0.1, steps=3), "components M, P"),
     (lambda run: kr.simulate(TOP, X0, dt="0.05", steps=3), "dt must be a positive number"),
-    (lambda run: kr.simulate(TOP, X0, dt=-0.05, steps=3), "reverse the momenta, and rotors"),
+    (lambda run: kr.simulate(TOP, X0, dt=-0.05, steps=3), "products of M and P, as in Steklov's case"),
     (lambda run: kr.simulate(TOP, X0, dt=np.nan, steps=3), "finite and at least 1e-100, got nan."),
     (lambda run: kr.simulate(TOP, X0, dt=0, steps=3), "dt must be a positive"),
     (lambda run: kr.simulate(TOP, X0, dt=np.ones(2), steps=3), "dt must be a positive number"),

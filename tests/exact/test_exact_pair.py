@@ -245,7 +245,7 @@ def test_what_there_is_not() -> None:
     with pytest.raises(kr.InputError, match="got clebsch with n = 6"):
         six = kr.Clebsch(b=(1, 2, 3, 4, 5, 6))
         kr.simulate(six, {"M": np.zeros((6, 6)), "P": (1, 0, 0, 0, 0, 0)}, dt=0.5, steps=1, method="exact")
-    with pytest.raises(kr.InputError, match="state that is zero"):
+    with pytest.raises(kr.InputError, match="a field P that is zero"):
         kr.simulate(body, {"M": (0, 0, 1), "P": (0, 0, 0)}, dt=0.5, steps=1, method="exact")
 
 
@@ -266,3 +266,14 @@ def test_neumann_stays_on_its_leaf() -> None:
         assert abs(run.casimir[:, 1]).max() < 1e-13
         ends.append(np.concatenate([run.x.values[-1], run.q.values[-1]]))
     assert abs(ends[0] - ends[1]).max() < 3e-11
+
+
+@pytest.mark.parametrize("method", ["exact", "baecklund"])
+def test_a_lane_without_a_field_is_named(method: str) -> None:
+    body, P = kr.Clebsch(b=B), np.tile((0.6, 0, 0.8), (5, 1))
+    P[3] = 0
+    with pytest.raises(kr.InputError, match=r"in lane 3.* a field"):
+        kr.simulate(body, {"M": np.tile((0.1, 0.2, 0.3), (5, 1)), "P": P}, dt=0.1, steps=2, method=method)
+    with pytest.raises(kr.InputError) as error:
+        kr.simulate(body, {"M": (0.1, 0.2, 0.3), "P": (0, 0, 0)}, dt=0.1, steps=2, method=method)
+    assert " lane" not in str(error.value)

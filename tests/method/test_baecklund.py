@@ -204,7 +204,7 @@ def test_a_body_without_a_field_and_one_without_a_state() -> None:
     run = kr.simulate(free, free.state(m=(0.1, 0.2, 1), a=(1, 0, 0)), dt=0.1, steps=100, order=4)
     walks.assert_still(run)
     body = kr.Clebsch(b=(1, 2, 3))
-    with pytest.raises(kr.InputError, match="a state that is zero"):
+    with pytest.raises(kr.InputError, match="a state or a field that is zero"):
         kr.simulate(body, body.state(M=(0, 0, 1), P=(0, 0, 0)), dt=0.1, steps=1)
 
 

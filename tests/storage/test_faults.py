@@ -206,6 +206,24 @@ def test_clocks_that_jump(top: object, x0: object, tmp_path: Path, monkeypatch: 
     assert same(values(tmp_path / "run.zarr"), values(tmp_path / "whole.zarr"))
 
 
+def test_a_worker_that_imports_a_script_without_a_guard_is_told(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text("""
+import multiprocessing
+import kreisel as kr
+from kreisel.process import Lock
+
+if multiprocessing.parent_process() is None:
+    with Lock(__import__("pathlib").Path("s.zarr")):
+        worker = multiprocessing.get_context("spawn").Process(target=print)
+        worker.start()
+        worker.join()
+else:
+    kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), {"m": (0, 0, 1), "a": (1, 0, 0)}, dt=0.1, steps=1, path="s.zarr")
+""")
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "written by another process" in done.stderr and "outside of `if __name__ == '__main__':`" in done.stderr
+
+
 def test_two_writers_of_a_sweep(top: object, x0: object, tmp_path: Path) -> None:
     path = tmp_path / "s.zarr"
     with Lock(path), pytest.raises(kr.InputError, match=r"written by another process, which holds .*s\.zarr\.lock"):

@@ -329,6 +329,14 @@ def test_extension_that_is_none(top: object, x0: object, tmp_path: Path) -> None
     assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
 
 
+def test_a_run_without_its_checkpoint_has_no_toml_file(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    (path / "engine" / "checkpoint.npz").unlink()
+    with pytest.raises(kr.InputError, match=r"has no checkpoint to resume from\. Run it again\.$"):
+        kr.resume(path, extend=10**4)
+
+
 def test_one_writer(top: object, x0: object, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     with Lock(path), pytest.raises(kr.InputError, match=r"written by another process, which holds .*run\.zarr\.lock"):

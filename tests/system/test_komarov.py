@@ -13,7 +13,7 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.lab import laws
 from kreisel.runs.planning import make_plan
-from kreisel.system import komarov
+from kreisel.system import REGISTRY, komarov
 from sizes import FULL
 from taylor import flow_of
 
@@ -206,3 +206,15 @@ def test_beside_another_body_the_bracket_keeps_its_parameter() -> None:
     assert abs(run.P1 - single.P).max() < 1e-7
     assert abs(run.casimir - run.casimir[0]).max() < 1e-7
     assert abs(run.casimir[0, :2] - single.casimir[0]).max() < 1e-14
+
+
+@pytest.mark.parametrize("name", ["steklov-lyapunov", "komarov"])
+def test_the_way_back_in_time_with_products_of_momenta(name: str) -> None:
+    """As the message about a negative dt states: the complete state, and parameters of odd terms, change sign."""
+    odd = {"c": 1.0, "gamma": 0.2} if name == "komarov" else {}
+    even = {"kappa": 0.1, "beta": 0.5} if odd else {"b": (1, 2, 3), "s": 1.0, "l": 0.5}
+    there, back = (REGISTRY[name](**even, **{k: sign * v for k, v in odd.items()}) for sign in (1, -1))
+    start, options = {"M": (1, 2, -0.5), "P": (0.3, 0.2, 0.1)}, {"dt": 0.1, "steps": 10, "method": "dop853"}
+    run = kr.simulate(there, start, **options)
+    again = kr.simulate(back, {k: -run[k].values[-1] for k in start}, **options)
+    assert all(again[k].values[-1] == pytest.approx(-np.array(v), abs=1e-8) for k, v in start.items())

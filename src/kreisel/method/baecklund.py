@@ -22,6 +22,7 @@ from kreisel.method.scheme import SPINS, Points, Scheme, State, Steps, as_matrix
 from kreisel.record.calling import call
 from kreisel.record.contract import Baecklund, Frame
 from kreisel.record.model import Model
+from kreisel.record.values import in_lane
 
 DIGITS = 60
 CLOSED_N = 5  # up to which a skew matrix has two rates at most
@@ -153,19 +154,19 @@ class Product:
                 rho = np.array(np.nan)
         if np.isfinite(rho).all():
             return rho.astype(mus.dtype)
-        name, largest = self.model.system.name, np.inf
+        name, largest, lane = self.model.system.name, np.inf, in_lane(~np.isfinite(np.atleast_1d(rho)).all(-1))
         if self.record.largest_step is not None and not np.iscomplexobj(mus):
             with np.errstate(all="ignore"):
                 bound = np.min(self.model.call(self.record.largest_step, *state))
                 largest = float(bound) * float(mus[0]) * self.dt / 2
         if not 0 < largest <= abs(self.dt):  # not the reason
             raise InputError(
-                f"The spectral curve of {name} has no point for this state and dt = {self.dt:g}: "
-                "look for a dt or a state so large that its square overflows, or a state that is zero."
+                f"The spectral curve of {name} has no point for this state{lane} and dt = {self.dt:g}: look for a dt "
+                "or a state so large that its square overflows, or a state or a field that is zero."
             )
         raise InputError(
             f"The real Bäcklund transformation of {name} does not reach as far as dt = {self.dt:g} from this "
-            f"state at order {self.order}: dt < {largest:.6g} works. Use a smaller dt, or a higher order, which "
+            f"state{lane} at order {self.order}: dt < {largest:.6g} works. Use a smaller dt, or a higher order, which "
             "reaches further; orders 4, 8, 12, ... allow any dt."
         )
 

@@ -29,6 +29,7 @@ from kreisel.method.scheme import SPINS, Jump, Only, Orbits, Scheme, Spin, State
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, Orbit, States
 from kreisel.record.model import Model
+from kreisel.record.values import in_lane
 from kreisel.system import find
 
 
@@ -261,16 +262,16 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
     record: Any = model.system.baecklund
     first = np.asarray(complex(pade_zeros(2)[0]) / dt)
     with np.errstate(all="ignore"):
-        alive = np.isfinite(model.call(record.point, *state, mu=first)).all()
-    for _ in range(MOST_TRIALS if alive else 0):
+        result = np.isfinite(model.call(record.point, *state, mu=first))
+    for _ in range(MOST_TRIALS if result.all() else 0):
         mu, result = _newton(model, state, dt / copies)
         if result.all():
             return copies, mu.astype(complex)
         copies = copies + max(1, copies // 2)
     raise InputError(
-        f"No conjugate pair was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual "
-        "causes: entries of b that are equal or nearly so; a state that is zero or not finite. Use "
-        "method='baecklund' with a high order."
+        f"No conjugate pair was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it"
+        f"{in_lane(~result)}. Usual causes: entries of b that are equal or nearly so; a state or a field P that is "
+        "zero or not finite. Use method='baecklund' with a high order, or method='dop853'."
     )
 
 

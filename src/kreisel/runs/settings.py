@@ -295,9 +295,13 @@ def positive_number(value: Any, name: str) -> float:
     array = algebra.floats(value)
     if array.ndim or not SHORTEST_STEP <= array < np.inf:
         negative = not array.ndim and array < 0 and name in ("dt", "t_end")
-        back = " To go back in time, reverse the momenta, and rotors and magnetic fields with them." if negative else ""
+        back = (
+            " To go back in time, reverse the momenta, and rotors and magnetic fields with them; if H has products of "
+            "M and P, as in Steklov's case, the complete state and the parameters of terms of odd degree."
+        )
         raise InputError(
-            f"{name} must be a positive number, finite and at least {SHORTEST_STEP:g}, got {shown(value)}.{back}"
+            f"{name} must be a positive number, finite and at least {SHORTEST_STEP:g}, got {shown(value)}."
+            f"{back if negative else ''}"
         )
     return float(array)
 

@@ -178,7 +178,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
             else:
                 run = run.drop_vars(gap.name)  # the indices of the lanes
     if not keep.any():
-        raise InputError(f"No row of {path} is complete in every variable. Run it again from its TOML file.")
+        raise InputError(f"No row of {path} is complete in every variable. Run it again.")
     sound = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
     lost = not (run.attrs["complete"] and keep.all())
     note = "" if listed else ", not compared with any checksum"

@@ -137,7 +137,7 @@ def run_record(store: Path) -> RunRecord:
     wrong += [key for key in ("steps", "every", "n", "rows_in_block") if key not in missing + wrong and attrs[key] < 1]
     if missing or wrong:
         fault = f"lack {', '.join(missing)}" if missing else f"are wrong in {', '.join(wrong)}"
-        raise InputError(f"{store} is damaged: its attributes {fault}. Make it again from its TOML file.")
+        raise InputError(f"{store} is damaged: its attributes {fault}. Run it again.")
     return RunRecord.from_attrs(attrs)
 
 
@@ -226,7 +226,7 @@ def checked_checkpoint(store: Path, record: RunRecord, listed: Listed) -> Checkp
         Verified(store, listed).verify(name)
     flushed, block = point.snapshot.flushed, record.rows_in_block
     if hash_of_start(point.start) != record.start_sha256 or flushed % block:
-        raise InputError(f"The checkpoint of {store} does not belong to its run. Run it again from its TOML file.")
+        raise InputError(f"The checkpoint of {store} does not belong to its run. Run it again.")
     if any(f"time/c/{k}" not in listed for k in range(flushed // block)):
         raise InputError(f"{store} is damaged: blocks before its checkpoint are missing. `kreisel check {store}`.")
     return point
@@ -371,7 +371,7 @@ def read_checkpoint(store: Path) -> Checkpoint:
     """The checkpoint of an archive.  Raises `InputError` if there is none, or it is damaged."""
     path = store / CHECKPOINT
     if not path.exists():
-        raise InputError(f"{store} has no checkpoint to resume from. Run it again from its TOML file.")
+        raise InputError(f"{store} has no checkpoint to resume from. Run it again.")
     try:
         arrays = _arrays(path)
         engine, start, outputs = (
@@ -380,7 +380,7 @@ def read_checkpoint(store: Path) -> Checkpoint:
         )
         return Checkpoint(Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine), start, outputs)
     except DAMAGE as error:
-        raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again from its TOML file.") from error
+        raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again.") from error
 
 
 def _arrays(path: Path) -> dict[str, Any]:
