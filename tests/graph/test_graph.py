@@ -299,3 +299,20 @@ def test_a_loop_is_evaluated_until_it_has_settled() -> None:
         x, defect = graph.loop(lambda x, y=y: ([(x[0] + y / x[0]) / 2], abs(x[0] * x[0] - y)), [start], 1e-12, most)
         assert evaluated(graph, x, lambda _, i: (2.0, 1.0)[i]) == pytest.approx([root], rel=1e-15)
         assert (evaluated(graph, [defect], lambda _, i: (2.0, 1.0)[i])[0] <= 1e-12) == (most == 20)
+
+
+def test_a_loop_of_one_iteration_is_written_out() -> None:
+    """Next to a loop of more; the defect, which nothing needs, is left out."""
+
+    def outputs(first: int) -> tuple[Graph, list[Any]]:
+        graph = Graph()
+        y, start = graph.inputs("x", 2)
+        x = [start]
+        for most in (first, 20):
+            x, _ = graph.loop(lambda x: ([(x[0] + y / x[0]) / 2], abs(x[0] * x[0] - y)), x, 1e-12, most)
+        return arranged(graph, x)
+
+    graph, values = outputs(1)
+    assert operations(graph, values) == ["/", "+", "/", "loop", "result"]
+    assert evaluated(graph, values, lambda _, i: (2.0, 1.0)[i]) == pytest.approx([2**0.5], rel=1e-15)
+    assert operations(*outputs(2)).count("loop") == 2

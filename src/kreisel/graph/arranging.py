@@ -38,12 +38,23 @@ def arranged(
     """The graph recorded once more, with `values` in place of some inputs (letter, index); and its outputs.
 
     A product that only one sum needs is fused into it, of two the one whose node is older.  Several quotients by one
-    number use its reciprocal.
+    number use its reciprocal.  Loops of one iteration are written out.
     """
+    if any(loop.most == 1 for loop in graph.loops):
+        graph, outputs = _written_out(graph, outputs)
     try:
         return _Arranging(graph, values or {}).outputs(outputs)
     except (ArithmeticError, ValueError):  # 1/0, log 0 on a branch that is not taken, or a fault that the run names
         return _Arranging(graph, {}).outputs(outputs)
+
+
+def _written_out(graph: Graph, outputs: Sequence[Operand]) -> tuple[Graph, list[Operand]]:
+    new = Graph()
+
+    def repeat(body: Callable[[list[Any]], Sequence[Any]], start: list[Any], small: float, most: int) -> Sequence[Any]:
+        return body(start) if most == 1 else new.repeat(body, start, small, most)
+
+    return new, evaluated(graph, outputs, new.input, ops.APPLIED | {ops.LOOP: repeat})
 
 
 def length(graph: Graph, outputs: Sequence[Operand]) -> int:

@@ -465,12 +465,6 @@ class Function:
     def _loop(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:
         """Lanes of a vector end at different times: one that has ended keeps its values."""
         loop = graph.loops[operands[0]]
-        if loop.most == 1:
-            start = [self.value(x, values, kind) for x in operands[1 : 1 + len(loop.variables)]]
-            inside = values | {x.at: value for x, value in zip(loop.variables, start, strict=True)}
-            self.emit(graph, graph.needed_inside(loop), inside, kind)
-            values[at] = [self.value(x, inside, kind) for x in loop.new]
-            return
         memory = self.variables(len(loop.variables) + 1, kind)
         memory.put(self.value(x, values, kind) for x in [*operands[1 : len(memory)], math.inf])
         ended, count = self.variable(0), self.variable(0)

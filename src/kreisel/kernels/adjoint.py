@@ -97,7 +97,7 @@ class Code:
         rooted: bool = False,
     ):
         self._higher, self.sizes = higher or (lambda: parts), (len(parts[0].outputs), constants, of_stage)
-        self._rooted, self._parts = rooted, [Part(*arranged(*part)) for part in parts]
+        self._rooted, self._recorded, self._parts = rooted, parts, [Part(*arranged(*part)) for part in parts]
         self._work = SCALAR * sum(len(part.graph.needed(part.outputs)) for part in self._parts)
         self._key = self.sizes, *(part.graph.digest(part.outputs) for part in self._parts)
         self._kernels: dict[Any, Kernel] = {}
@@ -144,7 +144,7 @@ class Code:
     @cached_property
     def _derived(self) -> Sequence[Part]:
         """The parts that are differentiated."""
-        return [Part(*arranged(*part)) for part in self._smooth(self._parts, 1)]
+        return [Part(*arranged(*part)) for part in self._smooth(self._recorded, 1)]
 
     @cached_property
     def compiled(self) -> bool:
