@@ -171,6 +171,7 @@ def test_bad_files_are_refused_with_one_message(text: str, message: str, tmp_pat
     ("options", "message"),
     [
         ({"units": "deg/h"}, "units: expected one of rad/s"),
+        ({"units": "ft"}, "units: expected one of rad/s, deg/s, rpm, rad, deg, got 'ft'"),
         ({"quaternion": "zyxw"}, "quaternion: expected one of wxyz, xyzw"),
         ({"columns": {"rates": ["wx", "wy"]}}, "rates (3)"),
         ({"columns": {"spin": ["wx"]}}, "got ['wx'] for 'spin'"),

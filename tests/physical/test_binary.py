@@ -462,6 +462,7 @@ def test_bad_input() -> None:
         (lambda: STRONG.state(semi_major_axis=1500.0, attitude1=(1, 1, 0, 0)), "attitude1: expected unit"),
         (lambda: STRONG.model().state(**{**start(STRONG), "q2": (2.0, 0, 0, 0)}), "q2 must be a unit quaternion"),
         (lambda: GravityBody(1e9, (1.0, 1.0, 3.0)), "inertia"),
+        (lambda: GravityBody.points([1e9, 1e9], [[50, 0, 0], [-50, 0, 0]]), "a rod without thickness"),
         (lambda: GravityBody(1e9, [[2, 0.1, 0], [0.1, 2, 0], [0, 0, 2]]), "principal axes"),
         (lambda: GravityBody(1e9, (1.0, 1.0, 1.0), love=0.1), "size"),
         (lambda: Binary.didymos(lag=100.0), "lag: expected love"),

@@ -119,7 +119,7 @@ def read(
     Anything not specified is recognised by the names of columns, then by the exact motion.  Raises `InputError`.
     """
     specified = {"units": units, "quaternion": quaternion, "direction": direction, "frame": frame, "time": time}
-    allowed = (FACTORS, ("wxyz", "xyzw"), ("body to space", "space to body"), ("body", "space"), TIMES)
+    allowed = ({**RATES, **ANGLES}, ("wxyz", "xyzw"), ("body to space", "space to body"), ("body", "space"), TIMES)
     for (name, value), words in zip(specified.items(), allowed, strict=True):
         if value is not None and value not in words:
             raise InputError(f"{name}: expected one of {', '.join(words)}, got {shown(value)}.")

@@ -25,6 +25,7 @@ from kreisel.physical.measures import (
     in_range,
     inertia_tensor,
     principal,
+    require_thickness,
     si_number,
     si_numbers,
 )
@@ -151,6 +152,7 @@ def diagonal_inertia(inertia: Any) -> Array:
             f"inertia: expected a diagonal tensor, along the principal axes, got {tensor.tolist()}. Rotate the "
             "body to them, or use GravityBody.points or GravityBody.mesh, which do so."
         )
+    require_thickness(tensor)
     return np.diag(tensor).copy()
 
 
