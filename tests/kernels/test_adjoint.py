@@ -237,7 +237,7 @@ def test_the_tangent_of_steps_with_a_loop_is_poisson(method: str) -> None:
     """Of a free body, n = 4: both are Poisson maps, whose implicit equations are solved in loops."""
     body = kr.EulerTop(J=(1, 2, 3, 4))
     M = algebra.skew(np.array([0.3, -0.2, 0.5, 0.7, 0.1, 0.4]), 4)
-    run = kr.simulate(body, {"M": M}, dt=0.2, steps=50, every=50, method=method)
+    run = kr.simulate(body, {"M": M}, dt=0.2, steps=200, every=200, method=method)
     J, (T, there) = kr.tangent(run), (body.system.space.tensor(M) for M in run.M.values)
     size = abs(J).max() ** 2
     assert size > 1.2 and abs(J @ T @ J.T - there).max() < 1e-13 * size
