@@ -80,3 +80,27 @@ def test_rounding_of_exact_by_many_flows_is_warned_of() -> None:
 @pytest.mark.parametrize("method", [{"method": "exact"}, {"method": "baecklund", "order": 2}])
 def test_ordinary_bodies_are_silent(method: dict[str, Any]) -> None:
     assert not error(np.array([1.0, 1.5, 2.0, 2.7]), MOMENTA, P, 0.1, dt=0.1, **method)[1]
+
+
+@pytest.mark.parametrize(("order", "steps", "warned"), [(2, 128, True), (2, 8, False), (4, 128, False)])
+def test_errors_of_fast_flows_that_accumulate_are_warned_of(order: int, steps: int, warned: bool) -> None:
+    """A step is 0.09 rad of the motion, which looks short enough, and 0.34 rad of the flows."""
+    b = np.array([-3.0, -1.0, 1.0, 5.0])
+    M, P = skew(np.array([2.0, 1, -2, 1, 2, -2])), skew(np.array([-1.0, -1, 2, 1, -1, 2]))
+    plus, product = b[:, None] + b, (b * b)[:, None] + b * b
+
+    def flow(_: float, y: np.ndarray) -> np.ndarray:
+        M, P = y.reshape(2, 4, 4)
+        W, F = plus * M + product * P / 2, product * M / 2 + plus * np.subtract.outer(b, b) ** 2 * P / 4
+        return np.concatenate([M @ W - W @ M + P @ F - F @ P, P @ W - W @ P]).ravel()
+
+    body, dt = kr.SteklovLyapunov(b=b, s=1.0, l=0.0), 0.003
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        run = kr.simulate(body, body.state(M=M, P=P), dt=dt, steps=steps, method="baecklund", order=order)
+    end = solve_ivp(flow, (0, steps * dt), np.stack([M, P]).ravel(), method="DOP853", rtol=1e-10, atol=1e-10).y[:, -1]
+    off = abs(np.stack([run.M.values[-1], run.P.values[-1]]).ravel() - end).max()
+    assert (off > 0.1) == warned
+    assert bool(seen) == warned
+    if warned:
+        assert f"{steps} steps of order {order} lose about 0.4 rad" in str(seen[0].message)

@@ -400,7 +400,8 @@ def _long_kick(plan: Plan) -> Iterator[str]:
             return
 
 
-HIDDEN = 10.0  # rad for one of the motion, by which a user who looks at it cannot judge dt
+HIDDEN = 3.0  # rad for one of the motion, by which a user who looks at it cannot judge dt
+LOST = 0.1  # rad at the end of a run
 FASTER = 3e4  # from which `exact` has errors of 1e-11 to 1e-7 a radian, n = 4
 
 
@@ -418,11 +419,17 @@ def _fast_flows(plan: Plan) -> Iterator[str]:
                 f"method='exact' combines flows that rotate by {inner / turn:.2g} rad for each of this motion of "
                 f"{name}: their rounding errors may reach 1e-8 a radian. {cause}Compare with method='dop853'."
             )
-    elif turn <= math.pi and inner > min(math.pi, HIDDEN * turn) and _pade_error(order, inner) > APART:
+        return
+    error, expected = (plan.steps * _pade_error(order, angle) for angle in (inner, turn))
+    if turn > math.pi or inner <= min(math.pi, HIDDEN * turn):
+        return
+    if error > APART * plan.steps or error > LOST > expected:
+        h = plan.dt * min(1 / inner, (APART / error) ** (1 / order))
         yield (
             f"dt = {said(plan.dt)} is {turn:.2g} rad of this motion in a step, but {inner:.3g} rad of the flows of "
-            f"{name} that method='baecklund' combines for it: the rows are states of another motion with the same "
-            f"integrals. {cause}Use a dt of {said(plan.dt / inner, '.1g')} or so, or method='exact'."
+            f"{name} that method='baecklund' combines for it: {plan.steps:,} steps of order {order} lose about "
+            f"{min(error, math.tau):.1g} rad of these, and the rows are states of another motion with the same "
+            f"integrals. {cause}Use a dt of {said(h, '.1g')} or so, a higher order, or method='exact'."
         )
 
 
@@ -430,7 +437,7 @@ def _pade_error(order: int, angle: float) -> float:
     """The error of the diagonal Padé approximant of e^(i angle) of an even order, to the first term."""
     k = order // 2
     factorials = 2 * math.lgamma(k + 1) - math.lgamma(order + 1) - math.lgamma(order + 2)
-    return math.exp(min(0.0, factorials + (order + 1) * math.log(angle)))
+    return math.exp(min(99.0, factorials + (order + 1) * math.log(angle))) if angle else 0.0
 
 
 def _sensors_at_zero(plan: Plan, step: int, lane: int) -> list[str]:
