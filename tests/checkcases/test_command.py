@@ -85,6 +85,8 @@ def test_the_toml_of_a_new_case_has_the_same_state(tmp_path: Path, monkeypatch: 
         (["checkcase", "brick"], "tumbling-brick"),
         (["checkcase", "--at", "1"], "expected the name of a case"),
         (["checkcase", "pole", "--at", "99"], "0 to 40 s"),
+        (["checkcase", "pole", "--units", "rpm"], "--units: expected a trajectory to grade"),
+        (["checkcase", "pole", "--csv", "pole.csv", "--step", "0.1"], "--step: expected a trajectory to grade"),
         (["new", "checkcase"], "checkcase NAME"),
         (["new", "checkcase", "libration"], "a case that is a system of Kreisel"),
         (["new", "lagrange-top", "pole"], "checkcase NAME"),

@@ -397,6 +397,8 @@ def test_the_command_writes_one_file(tmp_path, top, x0, monkeypatch, capsys):
         assert pictures.n_frames == 4
     with pytest.raises(kr.InputError, match="--fps: expected a film"):
         app(["view", str(tmp_path / "top.zarr"), "--fps", "10", "--overwrite"], standalone_mode=False)
+    with pytest.raises(kr.InputError, match="target: expected a run of a satellite, got one of lagrange-top"):
+        app(["view", str(tmp_path / "top.zarr"), "--target", "moon", "--overwrite"], standalone_mode=False)
     with pytest.raises(kr.RunError, match=r"could not be written|could not"):
         kr.view(kr.open_run(tmp_path / "top.zarr")).save(tmp_path / "top.html" / "no.html")
     with pytest.raises(kr.InputError, match="no archive"):

@@ -58,8 +58,11 @@ def checkcase(
         return
     case = checkcases.case(name)
     options = {"units": units, "quaternion": quaternion, "direction": direction, "frame": frame, "time": time}
+    options = {key: value for key, value in options.items() if value is not None}
+    if (options or step) and not grade:
+        raise InputError(f"--{next(iter(options), 'step')}: expected a trajectory to grade, --grade FILE, got none.")
     if grade:
-        _grade(case, grade, step or [], {key: value for key, value in options.items() if value is not None}, as_json)
+        _grade(case, grade, step or [], options, as_json)
     if table is not None:
         _write(case, table, rows, overwrite)
     if figure is not None:

@@ -102,6 +102,10 @@ class Shown:
         self.up, self.callout = "", ""
         self.legend: dict[str, str] = {}
         self.coordinates, self.names = [0, 1, 2], ["1", "2", "3"]
+        if not of_satellite(run) and not (axis is None and isinstance(target, str) and target == "nadir"):
+            raise InputError(
+                f"axis, target: expected a run of a satellite, got one of {record.system}. Leave them out."
+            )
         plain = self.carried.shape[1] == 3 and self.record.n == 3
         if plain and "skew" not in self.kinds.values():
             self.kind, self.tip, self.frame = "particle", self.carried, np.eye(3)
