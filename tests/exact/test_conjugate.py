@@ -392,6 +392,16 @@ def test_special_motions(system: Any, state: dict[str, Any]) -> None:
     assert off(system, run, flow_of(system, parts(system, state), 1.5, digits=20)) < 1e-12
 
 
+def test_a_projection_keeps_a_field_that_is_zero() -> None:
+    """P = 0 stays; it became rounding, which grew until a Casimir was not conserved."""
+    system = kr.SteklovLyapunov(b=(1, 2, 5, 9), s=0.600100525965654, l=0.7285605268117946)
+    M = algebra.skew(np.array([0.0, -1, 0, 0, 0, -2]), 4)
+    settings: dict[str, Any] = {"dt": 0.05, "steps": 300, "every": 300, "method": "baecklund", "order": 2}
+    run, raw = (kr.simulate(system, {"M": M, "P": 0 * M}, **settings, project=project) for project in (True, False))
+    assert not run.P.values.any()
+    assert abs(run.M.values - raw.M.values).max() < 1e-11
+
+
 @pytest.mark.parametrize(
     ("M", "P"),
     [

@@ -192,7 +192,7 @@ SYSTEM = System(
     title="Steklov's and Lyapunov's cases of a body in a fluid",
     equations="M' = [M, Omega] + [P, dH/dP],  P' = [P, Omega],  Omega = dH/dM",
     source="Steklov 1893, Lyapunov 1893, Bolsinov, Fedorov 1992; Suris 2001, Conclusions",
-    space=ADJOINT_PAIR_SPACE,
+    space=replace(ADJOINT_PAIR_SPACE, unlike=True),  # else a projection moves P = 0
     parameters=(
         Parameter("b", "vector", "diagonal of B", diagonal=True),
         Parameter("s", "scalar", "how much of Steklov's H"),
