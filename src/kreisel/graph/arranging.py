@@ -368,8 +368,8 @@ def _tangents(
 def with_roots(graph: Graph, outputs: Sequence[Operand], steps: int, most: float) -> tuple[Graph, list[Operand]]:
     """A new graph with steps of Newton's method behind each loop, for the derivatives of its root x = body(x).
 
-    One step gives the first derivatives, two all up to the third.  Raises `TooLong` beyond `most`
-    operations.
+    Each step, all with the slopes at the first x, makes derivatives of one more order right.  Raises `TooLong` beyond
+    `most` operations.
     """
     new, nodes, places = Graph(most), graph.needed(outputs), {x.at for x in outputs if isinstance(x, Number)}
     for at in reversed(nodes):
@@ -381,13 +381,14 @@ def with_roots(graph: Graph, outputs: Sequence[Operand], steps: int, most: float
 
     def solved(body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], small: float, count: int) -> list[Any]:
         *x, defect = new.repeat(body, start, small, count)
-        for _ in range(steps if next(in_outputs) else 0):
-            *image, _ = body(x)
-            at_x = {v.at for v in x}
-            moving = sorted(depending(new, new.needed(image), lambda _: False, at_x) - at_x)
-            columns = [_tangents(new, moving, {v.at: -1.0 if v.negative else 1.0}, image) for v in x]
-            slopes = identity(len(x)) - np.array(columns, dtype=object).T
-            miss = ops.array_of([v - y for v, y in zip(x, image, strict=True)])
+        if not next(in_outputs):
+            return [*x, defect]
+        *image, _ = body(x)
+        at_x = {v.at for v in x}
+        moving = sorted(depending(new, new.needed(image), lambda _: False, at_x) - at_x)
+        slopes = identity(len(x)) - np.array([_tangents(new, moving, {v.at: 1.0}, image) for v in x], dtype=object).T
+        for _ in range(steps):
+            miss = ops.array_of([v - y for v, y in zip(x, body(x), strict=False)])
             x = [v - change for v, change in zip(x, solve(slopes, miss[:, None])[:, 0], strict=True)]
         return [*x, defect]
 

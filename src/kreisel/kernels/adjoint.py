@@ -123,7 +123,7 @@ class Code:
         """The code of (z, v) -> (step(z), J v), v a tangent of z; if `wide`, c and s are followed by tangents too."""
         result = self._tangents.get(wide)
         if result is None:
-            parts, (_, c, s) = [self._with_tangent(part, wide) for part in self._smooth(self.higher, 2)], self.sizes
+            parts, (_, c, s) = [self._with_tangent(part, wide) for part in self._smooth(self.higher, 3)], self.sizes
             result = self._tangents[wide] = Code(parts, c * (1 + wide), s * (1 + wide), rooted=True)
         return result
 
