@@ -301,7 +301,7 @@ def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
 
 
 def independent(graph: Graph, nodes: Sequence[int], letters: Collection[str], loops: bool = False) -> set[int]:
-    """The nodes that depend on inputs of these letters only, and on no branch, and no loop unless `loops` may be."""
+    """The nodes that depend on inputs of these letters only, and, unless `loops`, on no loop or branch."""
     out = set[int]()
     for at in nodes:
         operation, *operands = graph.nodes[at]
