@@ -148,7 +148,7 @@ class Code:
 
     @cached_property
     def compiled(self) -> bool:
-        """Whether derivatives can be compiled: they are not too long."""
+        """Whether kernels of the derivatives can be made: the parts are short enough."""
         try:
             return all(len(part.graph.needed(part.outputs)) < MOST_NODES for part in self._derived)
         except TooLong:

@@ -215,7 +215,7 @@ class Satellite(Forced):
         return model
 
     def _magnetic(self, model: Model) -> bool:
-        """Whether a law commands dipoles, unless they unload wheels at the rate 0, or a function reads the field."""
+        """Whether a law commands dipoles (to unload wheels, at a rate), or a function reads the field."""
         functions = filter(callable, (*np.atleast_1d(self.torque), self.potential))
         read = {name for function in functions for name in inspect.signature(function).parameters}
         control = model.system.perturbation and model.system.perturbation.control

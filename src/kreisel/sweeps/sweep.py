@@ -219,7 +219,8 @@ def _warn_of(sweep: Sweep) -> None:
     axes, said = sweep.lanes.axes, set[str]()
     tables = [[t for q in quantities if (t := sweep.lanes.tables[q]).dtype.kind in "iuf"] for quantities, _ in axes]
     largest = [{int(abs(t).reshape(len(t), -1).max(1).argmax()) for t in of_axis} or {0} for of_axis in tables]
-    lanes = [int(np.ravel_multi_index(place, [size for _, size in axes])) for place in itertools.product(*largest)]
+    places = itertools.islice(itertools.product(*largest), LOOKED_AT)
+    lanes = [int(np.ravel_multi_index(place, [size for _, size in axes])) for place in places]
     lanes += np.linspace(0, sweep.lanes.total - 1, LOOKED_AT).astype(int).tolist()
     for lane in dict.fromkeys(lanes[:1] if sweep.automatic else lanes):
         with suppress(*TROUBLES):
