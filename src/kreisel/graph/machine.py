@@ -1,6 +1,7 @@
 """Machine code of functions, for this processor: compiled by LLVM, kept on disk, called with integers.
 
-The processor is the machine's, or the one in KREISEL_CPU_NAME and KREISEL_CPU_FEATURES.
+The processor is the machine's, or the one in KREISEL_CPU_NAME and KREISEL_CPU_FEATURES.  With KREISEL_CODE_LEVEL=0 LLVM
+compiles faster, and steps are slower; their bits are equal.
 
 Each kernel is a file, complete by the seal at its head or made again.  The files are in KREISEL_CACHE, else in kreisel/
 in the cache folder of the platform.  The seal is the SHA-256 of the name and of all that follows; nothing of a file is
@@ -58,8 +59,8 @@ def processor() -> tuple[str, str, str]:
 
 @cache
 def version() -> str:
-    """Compiler and processor of compiled operations."""
-    return repr((llvmlite.__version__, llvm.llvm_version_info, processor()))
+    """Compiler, level and processor of compiled operations."""
+    return repr((llvmlite.__version__, llvm.llvm_version_info, code_level(), processor()))
 
 
 def register_width() -> int:
@@ -79,13 +80,24 @@ def _ready() -> None:
 CODE_LEVEL = 1
 
 
-def target_machine() -> Any:
+def code_level() -> int:
+    """The level of kernels."""
+    asked = os.environ.get("KREISEL_CODE_LEVEL", str(CODE_LEVEL))
+    if asked not in ("0", "1", "2", "3"):
+        raise InputError(
+            f"KREISEL_CODE_LEVEL: expected 0, 1, 2 or 3, got {shown(asked)}. Correct this variable of the "
+            "environment, or unset it."
+        )
+    return int(asked)
+
+
+def target_machine(level: int = CODE_LEVEL) -> Any:
     """LLVM's compiler for the processor."""
     _ready()
     triple, name, features = processor()
     target = llvm.Target.from_triple(triple)
     reloc = "static" if target.name.startswith("x86") else "default"
-    return target.create_target_machine(name, features, CODE_LEVEL, reloc, "jitdefault", jit=True)
+    return target.create_target_machine(name, features, level, reloc, "jitdefault", jit=True)
 
 
 def optimized(machine: Any, text: str, level: int = 0) -> Any:
@@ -172,7 +184,7 @@ def kernel(key: Sequence[Any], arguments: int, write: Callable[[Function], None]
 
 def object_code(arguments: int, write: Callable[[Function], None]) -> bytes:
     """Machine code of a function."""
-    machine = target_machine()
+    machine = target_machine(code_level())
     return bytes(machine.emit_object(optimized(machine, _text(arguments, write))))
 
 
