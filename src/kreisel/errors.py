@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 LONGEST = 1500  # characters of a message: the expectation is at its head, the fix at its end
 SHOWN = 100  # characters of a value in it
 MEANT = 4  # names that a part of a name may match
+SYNONYMS = {"volume": "displaced_mass", "moments": "inertia", "love_number": "love"}  # names unlike in letters
 BRIEF = 40  # of one in a call
 MOST_FAULTS = 20  # of a file in a message
 FRACTION = re.compile(r"Fraction\((-?\d+), (\d+)\)")
@@ -164,7 +165,8 @@ def hint(word: object, words: Iterable[str]) -> str:
     close = sorted((name for name in names if word.lower() in name.split("-")), key=lambda name: name.count("-"))[
         :MEANT
     ]
-    close = close or difflib.get_close_matches(word[:SHOWN], names, n=1, cutoff=0.5)
+    close = close or [name for name in names if name == SYNONYMS.get(word)]
+    close = close or difflib.get_close_matches(word[:SHOWN], names, n=1)
     return f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
 
 

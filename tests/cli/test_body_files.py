@@ -372,7 +372,7 @@ def test_all_mistakes_in_one_message() -> None:
         altitude = "500 km"
         primary = "earht"
         [state]
-        axle = 3
+        axes = 3
         [run]
         dt = "10 m"
         t_end = -3

@@ -120,6 +120,12 @@ def test_an_orbit_around_the_sun_is_exported_with_its_frame_and_centre(command: 
     assert code == 2 and "--center SUN), got frame" in message
     assert command(*words, "--center", "SUN")[0] == 0
     assert "CENTER_NAME = SUN\nREF_FRAME = ICRF\n" in (command.folder / "a.oem").read_text()
+    named = "--name", "TOUTATIS", "--identifier", "4179", "--originator", "ME", "--time-system", "TDB"
+    assert command(*words, "--center", "SUN", *named, "--overwrite")[0] == 0
+    for line in ("OBJECT_NAME = TOUTATIS", "OBJECT_ID = 4179", "ORIGINATOR = ME", "TIME_SYSTEM = TDB"):
+        assert line in (command.folder / "a.oem").read_text()
+    code, _, message = command(*words, "--center", "SUN", "--time-unit", "60", "--spacecraft", "-9", "--overwrite")
+    assert code == 2 and "time_unit: expected none" in message
 
 
 def test_figures_and_pages_are_replaced_where_it_was_said(command: Commands) -> None:

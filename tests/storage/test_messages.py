@@ -248,6 +248,7 @@ BAD = {
         lambda run: kr.export(run, "x.bc", epoch=EPOCH, frame="TOD"),
         "SPICE refuses the kernel: The ref.*J2000 is EME2000",
     ),
+    "unit": (lambda run: kr.export(run, "x.aem", epoch=EPOCH, time_unit=60), "time_unit: expected none"),
     "spacecraft": (lambda run: kr.export(run, "x.bc", epoch=EPOCH, spacecraft=7), "below 0, got 7"),
     "scale": (
         lambda run: kr.export(run, "x.bc", epoch=EPOCH, time_system="GPS"),

@@ -243,6 +243,9 @@ def test_a_figure_for_a_journal(run, tmp_path):
     assert axes.xaxis.label.get_size() == 8 and "STIX" in findfont(axes.texts[0].get_fontproperties())
     with pytest.raises(kr.InputError, match=r"style: expected .* Did you mean 'journal'"):
         kr.plot(run, style="jurnal")
+    for ignored in ({"target": "sun"}, {"axis": (0, 0, 1)}):
+        with pytest.raises(kr.InputError, match="axis, target: expected a run of a satellite"):
+            kr.plot(run, **ignored)
 
 
 def test_figures_show_themselves(run):

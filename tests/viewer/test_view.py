@@ -246,6 +246,8 @@ def test_particle_projection_lane_and_own_system():
     neumann = kr.Neumann(b=(0, 1, 2))
     run = kr.simulate(neumann, neumann.state(x=(1, 0, 0), q=(0, 0.8, 1)), dt=0.05, steps=50, progress=False)
     assert scene(run)["kind"] == "particle" and scene(run)["bodies"][0]["mesh"] is None
+    with pytest.raises(kr.InputError, match="body, mesh: expected a run drawn with a body, got a particle"):
+        scene(run, body="box")
     five = kr.LagrangeTop(p=(0, 0, 3, 0, 1))
     m = np.triu(np.ones((5, 5)), 1)
     run = kr.simulate(five, five.state(m=m - m.T, a=np.eye(5)[1]), dt=0.05, steps=50, progress=False)
@@ -397,8 +399,11 @@ def test_the_command_writes_one_file(tmp_path, top, x0, monkeypatch, capsys):
         assert pictures.n_frames == 4
     with pytest.raises(kr.InputError, match="--fps: expected a film"):
         app(["view", str(tmp_path / "top.zarr"), "--fps", "10", "--overwrite"], standalone_mode=False)
-    with pytest.raises(kr.InputError, match="target: expected a run of a satellite, got one of lagrange-top"):
+    with pytest.raises(kr.InputError, match="target: expected a run of a satellite, got one of 'lagrange-top'"):
         app(["view", str(tmp_path / "top.zarr"), "--target", "moon", "--overwrite"], standalone_mode=False)
+    for refused in (["--serve", "--out", "t.html"], ["--serve", "--fps", "9"], ["--port", "80"], ["--host", "::1"]):
+        with pytest.raises(kr.InputError, match=f"{refused[0]}: expected no|{refused[-2]}: expected a"):
+            app(["view", str(tmp_path / "top.zarr"), *refused], standalone_mode=False)
     with pytest.raises(kr.RunError, match=r"could not be written|could not"):
         kr.view(kr.open_run(tmp_path / "top.zarr")).save(tmp_path / "top.html" / "no.html")
     with pytest.raises(kr.InputError, match="no archive"):
@@ -441,6 +446,8 @@ def test_the_figure_of_a_sweep_of_bodies_is_in_si(tmp_path, monkeypatch):
     figures = []
     monkeypatch.setattr("kreisel.cli.output.save_picture", lambda picture, *_: figures.append(picture))
     app(["plot", str(tmp_path / "tops.zarr")], standalone_mode=False)
+    with pytest.raises(kr.InputError, match=r"--lane: expected one lane of the sweep .*, got \[0, 1\]"):
+        app(["view", str(tmp_path / "tops.zarr"), "--lane", "0", "--lane", "1"], standalone_mode=False)
     titles = {axes.get_title(): axes for axes in figures[0].axes}
     name = next(title for title in titles if title.startswith("momentum["))
     axes, expected = titles[name], (run.momentum_max - run.momentum_min).values[..., int(name[9])]
@@ -454,7 +461,7 @@ def test_the_figure_of_a_sweep_of_bodies_is_in_si(tmp_path, monkeypatch):
 @pytest.fixture
 def served(tmp_path, top, x0):
     kr.simulate(top, x0, dt=0.05, steps=200, path=tmp_path / "top.zarr", progress=False)
-    serving = server(tmp_path / "top.zarr")
+    serving = server(tmp_path / "top.zarr", title="My top", body="box")
     thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
     thread.start()
     yield tmp_path / "top.zarr", address(serving)
@@ -490,7 +497,8 @@ def test_the_data_is_sent_once_until_it_changes(served):
     path, url = served
     status, text, headers = ask(url, Accept="application/json")
     assert status == 200 and len(array(json.loads(text)["time"], "f8")) == 201
-    tag = headers["ETag"]
+    tag, data = headers["ETag"], json.loads(text)
+    assert data["title"] == "My top" and data["meshes"] == scene(kr.open_run(path), body="box")["meshes"]
     assert ask(url, Accept="application/json", If_None_Match=tag)[0] == 304
     kr.resume(path, extend=300, progress=False)
     status, text, headers = ask(url, Accept="application/json", If_None_Match=tag)

@@ -238,13 +238,21 @@ def export(
     angles: str | None = opt("Add pitch, roll and yaw: orbit, lvlh, inertial or ground."),
     frame: str | None = opt("The frame of space, for .aem, .oem and .bc, such as EME2000."),
     center: str | None = opt("The primary, for .oem, such as SUN."),
+    time_system: str | None = opt("Of --epoch, for .aem, .oem and .bc; default UTC."),
+    time_unit: float | None = opt("In s, for .aem and .bc, for other runs than of a body."),
+    name: str | None = opt("The name of the body, for .aem, .oem and .bc."),
+    identifier: str | None = opt("Its international designator, for .aem and .oem, such as 1998-067A."),
+    originator: str | None = opt("The creator of the file, for .aem and .oem."),
+    spacecraft: int | None = opt("NAIF's number of the spacecraft, for .bc; default -999."),
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV, NPZ; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
     from kreisel.storage.exporting import export as write
     from kreisel.storage.messages import date_of
 
     date = None if epoch is None else date_of(epoch, "--epoch")
-    labels = {name: label for name, label in (("frame", frame), ("center", center)) if label is not None}
+    labels: dict[str, Any] = {"frame": frame, "center": center, "time_system": time_system, "time_unit": time_unit}
+    labels |= {"name": name, "identifier": identifier, "originator": originator, "spacecraft": spacecraft}
+    labels = {key: label for key, label in labels.items() if label is not None}
     write(archive, out, overwrite=overwrite, epoch=date, angles=angles, **labels)
     say(f"{archive} -> {out}")
 
@@ -297,8 +305,8 @@ def view(
     fps: int | None = opt("Pictures per second of the film; default 20."),
     speed: float | None = opt("Of the film, as on the page; default 1."),
     serve: bool = opt("Serve the page and follow an unfinished run.", "--serve", default=False),
-    host: str = opt("Address to serve at; others than loopback can be read by anyone there.", default="127.0.0.1"),
-    port: int = opt("The port of --serve; 0 selects any free one.", default=0),
+    host: str | None = opt("Address of --serve, default 127.0.0.1; others than loopback can be read by anyone there."),
+    port: int | None = opt("The port of --serve; 0, the default, selects any free one."),
     overwrite: OverwriteFile = False,
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline; for a sweep, of one lane."""
@@ -311,34 +319,44 @@ def view(
 
     where = settled(archive)
     swept = is_sweep(where)
-    if serve:
-        if swept:
-            raise InputError(f"--serve: expected a run, got the sweep {archive}. `kreisel view` shows a lane.")
-        from kreisel.viewer.page import LOOPBACK, address, server
-
-        with server(archive, host=host, port=port, lane=lane or None) as serving:
-            if host not in LOOPBACK:
-                say(f"kreisel: anyone who reaches {host} can read this page", file=sys.stderr)
-            say(f"{address(serving)}  (Ctrl-C ends it)")
-            try:
-                serving.serve_forever()
-            except KeyboardInterrupt:
-                print("ended", file=sys.stderr)
-        return
-    place = movie or out or (archive if archive.name else archive.resolve()).with_suffix(".html")
     film = {k: v for k, v in (("seconds", seconds), ("fps", fps), ("speed", speed)) if v is not None}
+    options: dict[str, Any] = {"lane": lane or None, "body": body, "mesh": mesh, "title": title, "target": target}
     if film and movie is None:
         raise InputError(f"--{next(iter(film))}: expected a film, --movie NAME.gif, got none.")
+    at: dict[str, Any] = {k: v for k, v in (("host", host), ("port", port)) if v is not None}
+    if at and not serve:
+        raise InputError(f"--{next(iter(at))}: expected an unfinished run to serve, --serve, got none.")
+    if serve:
+        if out or movie or overwrite:
+            raise InputError("--serve: expected no --out, --movie and --overwrite, since it writes no file.")
+        if swept:
+            raise InputError(f"--serve: expected a run, got the sweep {archive}. `kreisel view` shows a lane.")
+        return _serve(archive, **at, **options)
+    place = movie or out or (archive if archive.name else archive.resolve()).with_suffix(".html")
     require_file(place, overwrite)
+    if swept and len(lane or ()) > 1:
+        raise InputError(f"--lane: expected one lane of the sweep {archive}, got {lane}.")
     shown = presented(one_lane(where, lane[0] if lane else 0) if swept else open_rows(where))
     lanes = shown.sizes.get("lane", 1)
     if not swept and not all(0 <= index < lanes for index in lane or ()):
         raise InputError(f"--lane: expected integers from 0 to {lanes - 1}, got {lane}.")
-    lanes_shown = None if swept else lane or None
-    page = page_of(shown, lane=lanes_shown, body=body, mesh=mesh, title=title, target=target)
+    page = page_of(shown, **options | {"lane": None} if swept else options)
     if movie is not None:
         page.movie(movie, **film)
         say(f"film: {movie}")
         return
     page.save(place)
     say(f"page: {place}")
+
+
+def _serve(archive: Path, **options: Any) -> None:
+    from kreisel.viewer.page import LOOPBACK, address, server
+
+    with server(archive, **options) as serving:
+        if serving.host not in LOOPBACK:
+            say(f"kreisel: anyone who reaches {serving.host} can read this page", file=sys.stderr)
+        say(f"{address(serving)}  (Ctrl-C ends it)")
+        try:
+            serving.serve_forever()
+        except KeyboardInterrupt:
+            print("ended", file=sys.stderr)

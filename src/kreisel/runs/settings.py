@@ -387,7 +387,11 @@ def _orientation(n: int, value: Any) -> Array:
         return g / length
     quaternion = " or, for n = 3, a unit quaternion (w, x, y, z)" if n == 3 else ""
     if g.ndim < 2 or g.shape[-2:] != (n, n):
-        raise InputError(f"The orientation must be a rotation matrix (..., {n}, {n}){quaternion}, got {shown(value)}.")
+        start = "(1, 0, 0, 0)" if n == 3 else f"np.eye({n})"
+        fix = "Leave it out" if value is False else f"Write orientation={start} to begin along the axes of space"
+        raise InputError(
+            f"The orientation must be a rotation matrix (..., {n}, {n}){quaternion}, got {shown(value)}. {fix}."
+        )
     off = float(abs(g @ g.mT - np.eye(n)).max())
     if not off < ORTHOGONAL_TOLERANCE:
         raise InputError(f"The orientation must be orthogonal; g g^T - I is up to {off:.3g}.")

@@ -161,6 +161,8 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
     body = frame_of(run)
     unit = 1.0 if is_in_si(run) else body.time_unit
     if chosen["time_unit"] is not None:
+        if body or is_in_si(run):
+            raise InputError("time_unit: expected none, since the times of a run of a body are in s, got one.")
         unit = positive_number(chosen["time_unit"], "time_unit")
     seconds = np.asarray(run["time"].values, dtype=np.float64) * unit
     if not (np.isfinite(seconds) & (abs(seconds) < LONGEST)).all():

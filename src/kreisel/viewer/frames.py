@@ -370,6 +370,15 @@ class Panel(NamedTuple):
     values: Array
 
 
+def is_pointed(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> bool:
+    """Whether a run has a pointing error.  Raises `InputError` for an axis or a target of a run without it."""
+    pointed = of_satellite(run) and ORIENTATION in run
+    if not pointed and (axis is not None or not isinstance(target, str) or target != "nadir"):
+        got = shown(RunRecord.of(run, "system").system)
+        raise InputError(f"axis, target: expected a run of a satellite, got one of {got}. Leave them out.")
+    return pointed
+
+
 def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[Panel]:
     """Pointing error, angles against the orbit, rates, and the momenta of wheels."""
     model, around = satellite_model(run), surroundings(run)

@@ -232,9 +232,9 @@ HEADERS = {
 class Source:
     """The scene of an archive, computed again when the archive has changed."""
 
-    def __init__(self, path: Path, lane: Any = None):
+    def __init__(self, path: Path, **options: Any):
         complete = path.with_suffix("") if path.suffix == ".part" else path
-        self._complete, self._unfinished, self._lane = complete, complete.with_name(complete.name + ".part"), lane
+        self._complete, self._unfinished, self._options = complete, complete.with_name(complete.name + ".part"), options
         self._lock = threading.Lock()
         self._seen: Any = ()
         self._scene: dict[str, Any] = {}
@@ -247,7 +247,7 @@ class Source:
             if mark != self._seen:
                 try:
                     store = self._unfinished if self._unfinished.exists() else self._complete
-                    self._scene = scene(presented(open_rows(store)), self._lane)
+                    self._scene = view(presented(open_rows(store)), **self._options)._scene
                     self._seen = mark
                 except (InputError, RunError, OSError):
                     if not self._scene:
@@ -314,9 +314,12 @@ class Server(ThreadingHTTPServer):
         """Ignore a browser that has disconnected."""
 
 
-def server(path: Path, *, host: str = "127.0.0.1", port: int = 0, lane: Any = None) -> Server:
-    """A server of one page, bound but not yet serving.  Raises `InputError` for no archive or an address in use."""
-    source = Source(path, lane)
+def server(path: Path, *, host: str = "127.0.0.1", port: int = 0, **options: Any) -> Server:
+    """A server of one page, with options of `kr.view`, bound but not yet serving.
+
+    Raises `InputError` for no archive or an address in use.
+    """
+    source = Source(path, **options)
     try:
         return Server(source, host, port)
     except (OSError, OverflowError) as error:

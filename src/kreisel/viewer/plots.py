@@ -14,14 +14,24 @@ from matplotlib.ticker import MultipleLocator
 from kreisel.errors import InputError, brief, counted, explained, hint, shown
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON
-from kreisel.method.scheme import BALANCE, ORIENTATION
+from kreisel.method.scheme import BALANCE
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import fixed_in, model_for, of_satellite, require_unchanged
+from kreisel.runs.geometry import fixed_in, model_for, require_unchanged
 from kreisel.runs.in_si import in_state_form
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.viewer.charts import figure
-from kreisel.viewer.frames import clock_of, coordinates_of, evenly, extremes, mixed, panels_of, shadows_of, stretches
+from kreisel.viewer.frames import (
+    clock_of,
+    coordinates_of,
+    evenly,
+    extremes,
+    is_pointed,
+    mixed,
+    panels_of,
+    shadows_of,
+    stretches,
+)
 from kreisel.viewer.style import Theme
 
 ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
@@ -85,7 +95,7 @@ def plot(
             "Usual cause: a run of body.model() for a run of the body."
         )
     with figure(theme, 1.0, 0.53, style) as (picture, colours), np.errstate(all="ignore"):
-        flies = of_satellite(run) and ORIENTATION in run
+        flies = is_pointed(run, axis, target)
         left, right = cast("Any", picture.subfigures(1, 2, width_ratios=[1.35, 1] if flies else [1, 1.25]))
         if missing := first.missing_from(run):
             raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")

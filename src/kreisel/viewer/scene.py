@@ -42,7 +42,6 @@ from kreisel.runs.geometry import (
     continued,
     fixed_in,
     model_for,
-    of_satellite,
     require_unchanged,
     surroundings,
 )
@@ -57,6 +56,7 @@ from kreisel.viewer.frames import (
     evenly,
     extremes,
     frames,
+    is_pointed,
     mixed,
     name_of_target,
     panels_of,
@@ -102,10 +102,7 @@ class Shown:
         self.up, self.callout = "", ""
         self.legend: dict[str, str] = {}
         self.coordinates, self.names = [0, 1, 2], ["1", "2", "3"]
-        if not of_satellite(run) and not (axis is None and isinstance(target, str) and target == "nadir"):
-            raise InputError(
-                f"axis, target: expected a run of a satellite, got one of {record.system}. Leave them out."
-            )
+        pointed = is_pointed(run, axis, target)
         plain = self.carried.shape[1] == 3 and self.record.n == 3
         if plain and "skew" not in self.kinds.values():
             self.kind, self.tip, self.frame = "particle", self.carried, np.eye(3)
@@ -114,7 +111,7 @@ class Shown:
             self.note, self.legend = f"The particle on its {place}.", {"tip": self.word}
         elif plain and ORIENTATION in self.run:
             x = self._path()
-            if of_satellite(self.run):
+            if pointed:
                 self._on_its_orbit(axis, target)
             else:
                 self._in_space() if x is None else self._on_its_path(x)
@@ -122,6 +119,8 @@ class Shown:
             self._along_the_axis() if self.space else self._from_the_body()
         else:
             self._projected()
+        if body is not None and self.body is None:
+            raise InputError(f"body, mesh: expected a run drawn with a body, got a {self.kind}. Leave them out.")
         self.radius = float(np.linalg.norm(self.tip, axis=-1).max(initial=0.0)) or 1.0
 
     def _fixed(self, where: str) -> Array | None:
@@ -427,7 +426,7 @@ def _globe(first: Shown) -> dict[str, Any] | None:
 
 def _charts(run: xr.Dataset, axis: Any, target: Any) -> dict[str, Any] | None:
     """Angles, rates and shadows of a satellite; for several lanes only the pointing error."""
-    if not of_satellite(run) or ORIENTATION not in run:
+    if not is_pointed(run):
         return None
     run = run.isel(time=evenly(run.sizes["time"], MOST_READ))
     panels = panels_of(run, axis, target)
