@@ -166,6 +166,8 @@ REACH = 6.0  # rate times time of a pair that is tried first: of 40 random bodie
 MOST_TRIALS = 8  # each with more copies
 NEWTON_STEPS = 14
 SETTLED = 64  # residual in units of the last place of the extended values
+SLOPES = (1e-7, 1e-13), (3e-10, 1e-10)  # shift of mu for differences, and ridge of the squares, far from mu
+FAR = 1e-9  # residual above which M and P count alike
 BETWEEN = 20  # steps between projections at most: 1 % of the time; with 500 errors are four to twenty times as large
 LEAST_REAL = 0.5  # of mu h, which is 3 for short times
 MOST_COPIES = 1_000_000  # of a pair in a step: tens of megabytes a lane
@@ -264,9 +266,10 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
     with np.errstate(all="ignore"):
         result = np.isfinite(model.call(record.point, *state, mu=first))
     for _ in range(MOST_TRIALS if result.all() else 0):
-        mu, result = _newton(model, state, dt / copies)
-        if result.all():
-            return copies, mu.astype(complex)
+        for slopes in SLOPES:
+            mu, result = _newton(model, state, dt / copies, *slopes)
+            if result.all():
+                return copies, mu.astype(complex)
         copies = copies + max(1, copies // 2)
     raise InputError(
         f"No conjugate pair was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it"
@@ -278,7 +281,7 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
 def _rate(model: Model, state: State) -> Array:
     """About the fastest rate of the motion, from its right-hand side linearised along the state."""
     flat, kinds, slopes = _flat(state), model.system.space.kinds, []
-    sizes = abs(flat.reshape(*flat.shape[:-1], 2, 3)).max(-1).repeat(3, -1)  # of M and of P
+    sizes = _of_components(flat)
     for way in np.moveaxis(np.eye(6) * np.where(sizes > 0, sizes, 1)[..., None], -1, 0):
         # exact: the field is quadratic
         up, down = (model.flow(*algebra.restore(flat + s * way, kinds, 3)) for s in (0.5, -0.5))
@@ -293,6 +296,11 @@ def _rate(model: Model, state: State) -> Array:
 
 def _flat(z: State) -> Array:
     return np.concatenate([algebra.coordinates(z[0]), z[1]], -1)
+
+
+def _of_components(flat: Array) -> Array:
+    """The largest |entry| of M, three times, and of P."""
+    return abs(flat).reshape(*flat.shape[:-1], 2, 3).max(-1).repeat(3, -1)
 
 
 def _wide(state: State) -> State:
@@ -312,7 +320,7 @@ def _pair(model: Model, z: State, mu: Array) -> State:
         return stage(record, z, 2, constants, True, True)
 
 
-def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
+def _newton(model: Model, state: State, h: float, shift: float, ridge: float) -> tuple[Array, Array]:
     """mu of each lane in extended precision, and if it is one of the near branch."""
     z = _wide(state)
     batch = np.broadcast_shapes(*(v.shape for v in model.constants.values() if v.ndim > 1), ())[:-1]
@@ -320,7 +328,7 @@ def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
     want, _ = _flown(model, z, h, batch)
     target, last = _flat(want), np.finfo(np.longdouble).eps
     mu = np.full(batch, complex(pade_zeros(2)[0]) / h, dtype=np.clongdouble)
-    sizes = np.maximum(abs(_flat(z)), abs(target)).reshape(*batch, 2, 3).max(-1).repeat(3, -1)  # of M and of P
+    sizes = _of_components(np.maximum(abs(_flat(z)), abs(target)))
     sizes = np.where(sizes > 0, sizes, 1)
 
     def missed(mu: Array) -> Array:
@@ -330,9 +338,13 @@ def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
         miss = missed(mu)
         if (abs(miss) <= SETTLED * last).all():
             break
-        change = np.sqrt(last) * abs(mu)
-        slopes = [(missed(mu + change * way) - miss) / change[..., None] for way in (1, 1j)]
-        change, most = _least_squares(slopes, -miss), abs(mu) / 3
+        change = shift * abs(mu)
+        slopes = np.stack([(missed(mu + change * way) - miss) / change[..., None] for way in (1, 1j)])
+        # next to a small P, M hardly changes: far from mu, what P misses to second order would hide the slope of M
+        far, rates = abs(miss).max(-1) > FAR, _of_components(slopes).max(0)
+        weights = np.where(far[..., None], np.maximum(rates, FAR * rates.max(-1, keepdims=True)), 1)
+        change = _least_squares(slopes / weights, -miss / weights, np.where(far, ridge, last))
+        most = abs(mu) / 3
         size_of = abs(change)
         mu = mu + change * np.where(size_of > most, most / np.where(size_of > 0, size_of, 1), 1)
     near = (abs(miss).max(-1) <= SETTLED * last) & (mu.real * h > LEAST_REAL)
@@ -374,10 +386,10 @@ def _turn_in_space(model: Model, state: State, g: Array, dt: float, copies: int,
     return {"cos": np.cos(half).astype(float), "sin": (np.sin(half)[..., None] * axis).astype(float)}
 
 
-def _least_squares(slopes: list[Array], want: Array) -> Array:
+def _least_squares(slopes: Array, want: Array, ridge: Array) -> Array:
     """x + iy with x slopes[0] + y slopes[1] nearest to `want`."""
     (a, b), dot = slopes, algebra.dot
     aa, bb, ab, aw, bw = dot(a, a), dot(b, b), dot(a, b), dot(a, want), dot(b, want)
-    ridge = np.finfo(np.longdouble).eps * (aa + bb)
+    ridge = ridge * (aa + bb)
     det = (aa + ridge) * (bb + ridge) - ab * ab
     return ((bb + ridge) * aw - ab * bw + 1j * ((aa + ridge) * bw - ab * aw)) / det
