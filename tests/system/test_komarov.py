@@ -122,6 +122,18 @@ def test_as_few_pairs_as_for_kovalevskayas_top() -> None:
     assert counts == [2, 2]
 
 
+def test_points_do_not_depend_on_the_unit_of_p() -> None:
+    """At order 2, whose error depends on the points."""
+    name, ends = "so(4), Sokolov's terms, rotor", []
+    (kappa, beta, c, gamma), (_, state) = CASES[name], case(name)
+    for unit in (1.0, 2.0**20, 2.0**-20):
+        model = kr.Komarov(kappa=kappa * unit**2, beta=beta / unit, c=c / unit, gamma=gamma)
+        start = {"M": state["M"], "P": unit * state["P"]}
+        run = kr.simulate(model, start, dt=0.1, steps=3, every=3, method="baecklund", order=2, observe=())
+        ends.append(np.append(run.M.values[-1], run.P.values[-1] / unit))
+    assert abs(ends[1] - ends[0]).max() < 1e-12 > abs(ends[2] - ends[0]).max()
+
+
 @pytest.mark.parametrize("name", CASES if FULL else FEW)
 @pytest.mark.parametrize(("dt", "steps"), [(0.3, 10), *[(0.3125, 160)] * FULL])
 def test_the_exact_step_against_taylor(name: str, dt: float, steps: int) -> None:

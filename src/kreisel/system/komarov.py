@@ -324,7 +324,7 @@ def bounded(*, kappa, beta):
 def bounds(M, P, *, kappa, beta, c, gamma):
     """Bounds of |M| and |P| on the orbit, from H + s (|P|^2 - kappa |M|^2), a positive form for some s."""
     square, u, size, H = beta * beta, axial(M), norm(P), energy(M, P, beta=beta, c=c, gamma=gamma)
-    unit, rate = largest(abs(c), square), largest(0, 2 * kappa / (1 - kappa * square))  # s - square/2 is below 1/rate
+    unit, rate = largest(abs(c), square * size), largest(0, 2 * kappa / (1 - kappa * square))  # s - square/2 < 1/rate
     rise, first, second = largest(size / where_less(0, unit, unit, 1), rate), LARGE, LARGE
     rise = where_less(0, rise, rise, 1)
     for shift in SHIFTS:
