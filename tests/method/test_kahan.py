@@ -422,3 +422,14 @@ def test_a_run_of_lagranges_top_conserves_them() -> None:
     for label in ("casimir_eps[0]", "casimir_eps[1]", "energy_eps"):
         assert table.conserved[label] and table.ulps[label] < 1000 and not table.broken[label]
     assert table.max_change["energy"] > 1e-4
+
+
+@pytest.mark.parametrize("method", ["kahan", "variational"])
+def test_a_heavy_top_of_n_4_in_units_of_1e30(method: str) -> None:
+    rng, ends = np.random.default_rng(3), []
+    root, M, P, A = (rng.normal(size=shape) for shape in ((4, 4), (4, 4), 4, 4))
+    for unit in (1.0, 2.0**100):
+        top = kr.HeavyTop(J=unit * (root @ root.T + np.eye(4)), A=unit * A)
+        run = kr.simulate(top, {"M": unit * (M - M.T), "P": P}, dt=0.01, steps=3, method=method, observe=())
+        ends.append(run.P.values[-1])
+    assert abs(ends[1] - ends[0]).max() < 1e-14

@@ -24,7 +24,7 @@ def principal(*, J):
     if n > 3 and (diagonal or (isinstance(J, np.ndarray) and J.dtype.kind == "f")):
         d, R = (np.diagonal(J, axis1=-2, axis2=-1), unit + zero) if diagonal else np.linalg.eigh(J)
         pairs = d[..., :, None] + d[..., None, :]
-        return {"R": R, "c": (1 - unit) / (pairs + unit * (1 - pairs)), "W": zero}
+        return {"R": R, "c": (1 - unit) / (pairs * (1 - unit) + unit), "W": zero}
     planes, J = skew(identity(n * (n - 1) // 2), n), J[..., None, :, :]
     return {"R": zero, "c": zero, "W": solve(coordinates(J @ planes + planes @ J), identity(len(planes)))}
 
