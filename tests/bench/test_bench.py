@@ -11,6 +11,7 @@ import pytest
 from kreisel import bench
 from kreisel.cli import subjects
 from kreisel.graph.machine import register_width
+from sizes import full
 from support import ROOT
 
 RATIOS = ("step_to_cpp", "lane_step_to_cpp")
@@ -41,7 +42,7 @@ def test_without_a_compiler_the_comparison_is_left_out(
     assert "g++ is not on the PATH" in printed
 
 
-@pytest.mark.parametrize("name", ["memory", "code_single"])
+@pytest.mark.parametrize("name", ["memory", *full("code_single")])
 def test_a_short_run_of_a_benchmark_is_only_printed(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

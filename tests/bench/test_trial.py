@@ -10,6 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from sizes import FULL
 from support import ROOT
 
 TRIAL, RESULT = ROOT / "benchmarks" / "trial", ROOT / "benchmarks" / "results" / "trial.json"
@@ -64,6 +67,7 @@ def parts_of(tmp_path: Path, minutes: float, *words: str) -> tuple[int, dict[str
     return done.returncode, json.loads(out.read_text())["parts"]
 
 
+@pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
 def test_one_case_can_be_repeated(tmp_path: Path) -> None:
     command = [sys.executable, str(TRIAL), "--part", "configurations", "--seed", "1", "--case", "1"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300, cwd=tmp_path)
