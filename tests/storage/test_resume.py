@@ -31,7 +31,7 @@ from kreisel.system import REGISTRY
 from sizes import FULL
 from support import ROOT, contents
 
-OPTIONS = {"dt": 0.1, "steps": 400, "every": 3}
+OPTIONS = {"dt": 0.1, "steps": 160, "every": 3}  # 55 rows in blocks of seven
 SMALL = 6 * 8 * 7  # bytes of a block: seven rows of a top
 KILLS = int(os.environ.get("KREISEL_KILLS", "6"))  # `make soak` asks for 200
 
@@ -150,7 +150,7 @@ def test_resumed_on_another_processor(
 ) -> None:
     """What LAPACK gave at the start comes from the checkpoint; a run begun there has other bits."""
     model, x0 = random_start(name, n)
-    options = {"dt": 0.02, "steps": 60, "every": 2, "method": method, "progress": False}
+    options = {"dt": 0.02, "steps": 17, "every": 2, "method": method, "progress": False}
     options |= {"orientation": np.eye(n)} if oriented else {}
     kr.simulate(model, x0, path=tmp_path / "whole.zarr", **options)
     with monkeypatch.context() as patch:
@@ -169,7 +169,7 @@ def test_resumed_on_another_processor(
 def test_resumed_by_the_code_of_another_processor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenBLAS's for Prescott and for Haswell, whose eigenvectors have other last bits."""
     model, x0 = random_start("heavy-top", 4)
-    options = {"dt": 0.02, "steps": 60, "every": 2, "method": "variational", "progress": False}
+    options = {"dt": 0.02, "steps": 17, "every": 2, "method": "variational", "progress": False}
     kr.simulate(model, x0, path=tmp_path / "whole.zarr", **options)
     with monkeypatch.context() as patch:
         stop_after(3, patch)
@@ -251,10 +251,10 @@ def test_a_stopped_run_of_a_body_is_resumed(command: bool, tmp_path: Path, monke
     start = body.state((0.1, 0.2, -0.15))
     for t_start in (0.0, 40.0):
         paths = [tmp_path / f"{name}{t_start}.zarr" for name in ("run", "whole")]
-        options = {**OPTIONS, "t_start": t_start}
+        options = {**OPTIONS, "steps": 61, "t_start": t_start}
         with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM"):
             patch.setattr(integration.Integration, "_call", call_of_a_row)
-            stop_after(34, patch)
+            stop_after(12, patch)
             slow_run(paths[0], body, start, options)
         assert kr.open_run(f"{paths[0]}.part").sizes["time"] > 1
         if command:
@@ -268,6 +268,9 @@ def test_a_stopped_run_of_a_body_is_resumed(command: bool, tmp_path: Path, monke
         assert contents(paths[0]) == contents(paths[1])
 
 
+UNINTERRUPTED: dict[str, dict[str, object]] = {}
+
+
 @pytest.mark.parametrize("method", ["suris", "variational", "dop853"])
 @pytest.mark.parametrize("calls", [0, 1, 3])
 def test_stopped_inside_a_row(
@@ -275,22 +278,25 @@ def test_stopped_inside_a_row(
 ) -> None:
     rng = np.random.default_rng(1)
     x0 = top.state(m=rng.standard_normal((2, 3)), a=rng.standard_normal((2, 3)))
-    options = {"dt": 0.1, "steps": 5000, "every": 1900, "method": method}
-    slow_run(tmp_path / "whole.zarr", top, x0, options)
+    options = {"dt": 0.1, "steps": 2100, "every": 800, "method": method}
+    monkeypatch.setattr(integration, "SHORT_STEPS", 400)  # calls of 200, 400, 200 and 800 steps
     path = tmp_path / "run.zarr"
     with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM"):
         stop_after(calls, patch)
         slow_run(path, top, x0, options)
     kr.resume(path)
-    assert contents(path) == contents(tmp_path / "whole.zarr")
+    if method not in UNINTERRUPTED:
+        slow_run(tmp_path / "whole.zarr", top, x0, options)
+        UNINTERRUPTED[method] = contents(tmp_path / "whole.zarr")
+    assert contents(path) == UNINTERRUPTED[method]
 
 
-@pytest.mark.parametrize("first", [10, 12, 100, 398])
+@pytest.mark.parametrize("first", [10, 12, 100, 158])
 def test_extended_equals_longer(first: int, top: object, x0: object, tmp_path: Path) -> None:
     kr.simulate(top, x0, path=tmp_path / "long.zarr", **OPTIONS)
     kr.simulate(top, x0, path=tmp_path / "run.zarr", **{**OPTIONS, "steps": first})
-    run = kr.resume(tmp_path / "run.zarr", extend=400)
-    assert run.attrs["steps"] == 400
+    run = kr.resume(tmp_path / "run.zarr", extend=160)
+    assert run.attrs["steps"] == 160
     assert contents(tmp_path / "run.zarr") == contents(tmp_path / "long.zarr")
     assert check_archive(tmp_path / "run.zarr")[1] == []
 
@@ -416,7 +422,7 @@ def test_damaged_checkpoint(top: object, x0: object, tmp_path: Path) -> None:
     file.write_bytes(bytes(data))
     with pytest.raises(kr.InputError, match=r"checkpoint .* is damaged"):
         kr.resume(path, extend=2000)
-    assert kr.open_run(path).attrs["steps"] == 400
+    assert kr.open_run(path).attrs["steps"] == OPTIONS["steps"]
 
 
 TOP, START = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
@@ -469,10 +475,10 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
     """Stopped before the first block is written, within one, at its end and in the last row, which is irregular."""
     system, start, more = SHAPES[shape]
     state = system.state(**start)
-    options = {"dt": 0.1, "steps": 67, "every": 3, "progress": False, **more}  # 24 rows in blocks of seven
-    monkeypatch.setattr(integration, "block_rows", lambda plan: 7)
+    options = {"dt": 0.1, "steps": 28, "every": 3, "progress": False, **more}  # 11 rows in blocks of four
+    monkeypatch.setattr(integration, "block_rows", lambda plan: 4)
     for place in ("storage.run_archive", "runs.describing"):
-        monkeypatch.setattr(f"kreisel.{place}.block_rows", lambda plan: 7)
+        monkeypatch.setattr(f"kreisel.{place}.block_rows", lambda plan: 4)
     whole = kr.simulate(system, state, path=tmp_path / "whole.zarr", **options).load()
     expected = contents(tmp_path / "whole.zarr")
     made = integration.Integration.__init__
@@ -481,8 +487,8 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
         made(self, *args, **more)
         self._burst = 1
 
-    few = (20, 66) if shape in ("exact", "corrector", "large") else (20,)
-    for calls in (0, 20, 41, 66) if FULL or shape in ("one", "lanes, oriented") else few:  # steps
+    few = (16, 27) if shape in ("exact", "corrector", "large") else (16,)
+    for calls in (0, 16, 23, 27) if FULL or shape in ("one", "lanes, oriented") else few:  # steps
         path = tmp_path / f"{calls}.zarr"
         with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM"):
             patch.setattr(integration.Integration, "_call", call_of_a_row)
@@ -517,7 +523,7 @@ def test_a_kill_while_it_is_finished(
         slow_run(path, top, x0, OPTIONS)
     faults = check_archive(part)[1]
     assert [fault[:23] for fault in faults] == (["the run was interrupted"] if "take_name" not in place else [])
-    assert kr.open_run(part).sizes["time"] >= 134
+    assert kr.open_run(part).sizes["time"] >= 54
     kr.resume(path)
     assert contents(path) == contents(tmp_path / "whole.zarr")
 
@@ -527,8 +533,8 @@ def test_a_kill_while_arrays_are_lengthened(
 ) -> None:
     """At each file that changes: what was there opens, and the run goes on to the right bytes."""
     slow_run(tmp_path / "whole.zarr", top, x0, OPTIONS)
-    short = {**OPTIONS, "steps": 190}
-    rows, original, killed = 1 + 190 // 3, archive.replace_file, 0
+    short = {**OPTIONS, "steps": 79}
+    rows, original, killed = 1 + 79 // 3, archive.replace_file, 0
     slow_run(tmp_path / "short.zarr", top, x0, short)
     for last in range(0, 60, 1 if FULL else 5):
         path, count = tmp_path / f"{last}.zarr", iter(range(10**9))
@@ -542,7 +548,7 @@ def test_a_kill_while_arrays_are_lengthened(
         with monkeypatch.context() as patch:
             patch.setattr(archive, "replace_file", replace_file)
             try:
-                kr.resume(path, extend=400, progress=False)
+                kr.resume(path, extend=160, progress=False)
             except KeyboardInterrupt:
                 killed += 1
         if path.exists():
@@ -551,7 +557,7 @@ def test_a_kill_while_arrays_are_lengthened(
         kept = kr.open_run(path.with_name(path.name + ".part")).load()
         assert kept.sizes["time"] >= rows, last
         assert all(np.isfinite(v.values).all() for v in kept.data_vars.values())
-        kr.resume(path, extend=400, progress=False)
+        kr.resume(path, extend=160, progress=False)
         assert contents(path) == contents(tmp_path / "whole.zarr")
     assert 3 < killed < 60
 
