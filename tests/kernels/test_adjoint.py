@@ -17,6 +17,7 @@ from kreisel.algebra.gradient import cos, exp, log, sin
 from kreisel.graph import arranging
 from kreisel.graph.graph import Graph, evaluated, integer_power, where_less
 from kreisel.kernels import adjoint
+from sizes import FULL
 
 STEPS, PART = 3, 2
 Z, C = np.array([0.3, -0.2, 0.7]), np.array([0.4, 1.3])
@@ -152,8 +153,9 @@ def test_derivatives_of_higher_order_are_those_by_differences(model: Any, method
             "forwards": jax.jit(lambda x: jax.jvp(jax.grad(height), (x,), (v,))[1]),
             "backwards": jax.jit(jax.grad(lambda x: jax.grad(height)(x) @ v)),
             "inner": jax.jit(jax.grad(lambda x: jax.jvp(height, (x,), (v,))[1])),
-            "columns": jax.jit(lambda x: jax.hessian(height)(x) @ v),
         }
+        if FULL or method == "kahan":  # many columns at once
+            second["columns"] = jax.jit(lambda x: jax.hessian(height)(x) @ v)
         for function, derivatives in ((made, second.values()), (second["forwards"], [third(height, v)])):
             expected = along(lambda x: np.asarray(function(x)), x, v)  # noqa: B023 - called here
             for derivative in derivatives:

@@ -212,9 +212,8 @@ def drifting(plan: Any) -> np.ndarray:
     before = {name: value[0] for name, value in plan.observe(engine.z[None]).items()}
     for _ in range(600 if isinstance(engine.projection, CompiledProjection) else 150):
         engine.projection.apply()
-        low = plan.observe(engine.z[None])
         engine.z[:] += push
-        high = plan.observe(engine.z[None])
+    high, low = (plan.observe(z[None]) for z in (engine.z, engine.z - push))
     found = []
     for name, outcome in plan.scheme.outcomes.items():
         if outcome.conserved:

@@ -20,6 +20,7 @@ from kreisel.method import scheme
 from kreisel.method.baecklund import pade_denominator, pade_zeros, spin_turns, stage_points
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY
+from sizes import FULL, full
 from support import cpu_engine
 
 METHOD = sys.modules["kreisel.method.baecklund"]  # the package has a function of that name
@@ -111,8 +112,7 @@ def test_kernel_equals_definition(name: str, n: int, order: int, oriented: bool)
     assert abs(out[0, 0] - algebra.flatten(z, kinds)).max() < 1e-12
 
 
-@pytest.mark.parametrize("revolution", [False, True])
-@pytest.mark.parametrize("n", [6, 7])
+@pytest.mark.parametrize(("n", "revolution"), [(6, False), (7, True), *full((6, True), (7, False))])
 def test_large_bodies_with_a_real_stage_follow_the_equations_of_motion(n: int, revolution: bool) -> None:
     draw = np.random.default_rng(n)
     i, j = np.triu_indices(n, 1)
@@ -259,7 +259,7 @@ def near(model: Model, state: tuple[np.ndarray, ...], mu: complex, rho: complex)
 def test_constants_of_a_trajectory_are_those_of_their_curve_rounded_once(
     name: str, n: int, dt: float, order: int
 ) -> None:
-    for seed in range(20 if n == 3 else 4):
+    for seed in range((20 if FULL else 6) if n == 3 else 4):
         model, state = start(name, n, seed)
         made = scheme(model, "baecklund", dt, order, False)
         plan = made.on(state, points)
@@ -304,7 +304,7 @@ RATES = {
 def test_the_constant_rotation_of_a_body_is_the_exponential_in_extended_digits(
     n: int, rates: tuple[float, float]
 ) -> None:
-    for seed in range(5):
+    for seed in range(5 if FULL else 2):
         frame = np.linalg.qr(np.random.default_rng([seed, n]).normal(size=(n, n)))[0]
         planes = sum(
             x * (np.outer(u, v) - np.outer(v, u)) for x, u, v in zip(rates, frame[::2], frame[1::2], strict=False)
@@ -320,7 +320,7 @@ def test_the_constant_rotation_of_a_body_is_the_exponential_in_extended_digits(
                 assert mpmath.mnorm(turn - exact, "f") < 4e-15 * (1 + dt * rates[0])
 
 
-@pytest.mark.parametrize("n", [3, 4, 5])
+@pytest.mark.parametrize("n", [3, *full(4), 5])  # rates about the axis: one for n = 3 and 4, two for n = 5
 def test_constants_of_a_spinning_top_are_the_same_for_every_number_of_lanes(n: int) -> None:
     """Some lanes rotate by more than one factor makes, and others do not; a call may follow one of the other kind."""
     axis = np.eye(n)[-1]

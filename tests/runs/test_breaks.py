@@ -148,9 +148,9 @@ def test_bodies_in_pairs() -> None:
     "asked",
     [
         {"times": np.linspace(0.3, 30, 50)},
-        {"steps": 4000, "every": 50, "impulses": IMPULSES},
-        {"steps": 4000, "every": 50, "events": STRIKE},
-        {"steps": 4000, "every": 3, "events": [LOW, STRIKE]},
+        {"steps": 1000, "every": 50, "impulses": IMPULSES},
+        {"steps": 1000, "every": 50, "events": STRIKE},
+        {"steps": 1000, "every": 3, "events": [LOW, STRIKE]},
         {"times": np.linspace(0.0, 40, 33), "impulses": IMPULSES, "events": STRIKE},
     ],
 )

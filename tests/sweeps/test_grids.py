@@ -173,9 +173,11 @@ def test_rows_of_lanes_with_other_steps_are_equally_far_apart(tmp_path: Path) ->
         assert abs(run.momentum_max.values[lane] - alone.momentum.max("time").values).max() < 1e-15
 
 
-def test_a_sweep_over_dates(tmp_path: Path) -> None:
+def test_a_sweep_over_dates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """300 days, whose fields differ: labels are the dates, lanes are single runs."""
     from kreisel.physical import Orbit, Satellite
+
+    monkeypatch.setattr("kreisel.sweeps.sweep.LOOKED_AT", 2)  # each, and each block, is recorded anew
 
     def bus(date: str) -> Satellite:
         return Satellite((0.02, 0.03, 0.04), Orbit.circular("500 km", epoch=date), magnetic_moment=(0.1, 0, 0))
@@ -184,7 +186,14 @@ def test_a_sweep_over_dates(tmp_path: Path) -> None:
     settings = {"dt": 10.0, "steps": 3, "every": 3}
     over, path = {"orbit.epoch": dates}, tmp_path / "dates.zarr"
     run = kr.sweep(
-        bus(dates[0]), {"spin": (0, 0, 0)}, over=over, path=path, workers=0, save=["trajectories"], **settings
+        bus(dates[0]),
+        {"spin": (0, 0, 0)},
+        over=over,
+        path=path,
+        workers=0,
+        block=150,
+        save=["trajectories"],
+        **settings,
     )
     assert run["body.orbit.epoch"].values.tolist() == dates
     flat = kr.open_run(path)["body.orbit.epoch"]
