@@ -23,7 +23,7 @@ from kreisel.record.contract import Map, System
 from kreisel.runs import drift, integration
 from kreisel.sweeps import sweep
 from kreisel.system import REGISTRY
-from sizes import FULL
+from sizes import FULL, PAPER
 from support import configuration
 
 # A step of order 8 that loses the Casimirs, by 6e-12 in a thousand steps.  With 1e4, runs from 34 of 40 starts that
@@ -191,6 +191,7 @@ def test_a_right_map_never_shouts(name: str, n: int, method: str) -> None:
         z = tuple(np.asarray(part, dtype=np.float64) for part in z)
         state = dict(zip(model.system.space.letters, z, strict=True))
         bounded = method in ("suris", "veselov") and phi is not None and phi.largest_step is not None
+        bounded &= FULL or name in PAPER or label == "random"
         steps = [0.3] + ([0.99 * min(1e3, model.largest_step(*z))] if bounded else [])
         for dt in steps:
             try:

@@ -103,7 +103,7 @@ def test_loops_of_jax_are_stopped_too(tmp_path: Path, monkeypatch: pytest.Monkey
 SLOW = "[[0.0, 0.0, 2e4], " + ", ".join(f"[0.0, {k}.0, 2e4]" for k in range(1, 40)) + "]"  # 10 s a step
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, *full(signal.SIGINT)])
 def test_the_command_line_stops_within_a_step(number: int, tmp_path: Path) -> None:
     (tmp_path / "run.toml").write_text(CONFIG.format(m=SLOW))
     code = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -145,12 +146,11 @@ def test_damage_is_found_and_never_read(what: str, stores: Path, right: dict[str
         assert check_archive(store)[1]
     except kr.InputError as error:
         assert len(str(error)) > 40
-    for variable, before in right[name].variables.items():
-        try:
-            values = kr.open_run(store)[variable].values
-        except kr.InputError:
-            continue
-        np.testing.assert_array_equal(values, before.values)
+    with contextlib.suppress(kr.InputError):
+        run = kr.open_run(store)
+        for variable, before in right[name].variables.items():
+            with contextlib.suppress(kr.InputError):
+                np.testing.assert_array_equal(run[variable].values, before.values)
 
 
 def test_damage_below_the_checksums_is_found_by_computing_again(stores: Path, tmp_path: Path) -> None:

@@ -178,7 +178,7 @@ def test_a_kill_at_any_rename_leaves_the_old_or_the_new(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Whatever the moment: one of the two opens, the next command ends the rest, and nothing is left beside it."""
-    make, options = (kr.sweep, SWEPT) if swept else (kr.simulate, OPTIONS)
+    make, options = (kr.sweep, SWEPT) if swept else (kr.simulate, {**OPTIONS, "observe": []})
     path, states = tmp_path / "run.zarr", set()
 
     def killed(call: int) -> int:
