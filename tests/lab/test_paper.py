@@ -76,5 +76,6 @@ def test_command() -> None:
     assert result["holds"] and result["exact"] == 0 and result["n"] == [3, 4, 5, 6]
     listed = CliRunner().invoke(app, ["verify", "theorem", "--list"]).stdout.splitlines()
     assert len(listed) == sum(name.startswith("theorem") for name in paper.STATEMENTS)
+    assert len(json.loads(CliRunner().invoke(app, ["verify", "theorem", "--list", "--json"]).stdout)) == len(listed)
     with pytest.raises(InputError, match=r"theorem-6\.1"):
         statements.chosen("theorm-6.1")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import sys
@@ -94,14 +93,21 @@ def say(text: str, file: Any = None) -> None:
     print(brief(text), file=file, flush=True)
 
 
-def parameter_of(text: str) -> tuple[str, Any]:
-    """A parameter and its values, from NAME=NUMBERS."""
-    name, _, value = text.partition("=")
-    with contextlib.suppress(ValueError, ZeroDivisionError):
-        numbers = [Fraction(number) for number in value.split(",")]
-        if name:
-            return name, numbers[0] if len(numbers) == 1 else numbers
-    raise InputError(f"--set needs a name and values, such as b=1,2,4 or alpha=1/2, got {shown(text)}.")
+def parameters_of(texts: Iterable[str]) -> dict[str, Any]:
+    """Parameters and their values, each from NAME=NUMBERS."""
+    parameters: dict[str, Any] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            numbers = [Fraction(number) for number in value.split(",")]
+        except (ValueError, ZeroDivisionError):
+            numbers = []
+        if not name or not numbers:
+            raise InputError(f"--set needs a name and values, such as b=1,2,4 or alpha=1/2, got {shown(text)}.")
+        if name in parameters:
+            raise InputError(f"--set: expected {name} once, got it again as {shown(text)}.")
+        parameters[name] = numbers[0] if len(numbers) == 1 else numbers
+    return parameters
 
 
 def save_picture(picture: Figure, target: Path, overwrite: bool = True) -> None:

@@ -67,9 +67,12 @@ def verify(
     from kreisel.lab.paper import statements
 
     if listed:
-        for statement in statements.chosen(name):
-            say(f"{statement.name:32}{statement.place}")
-        return
+        places = {statement.name: statement.place for statement in statements.chosen(name)}
+        if as_json:
+            return print_json(places)
+        for row, place in places.items():
+            say(f"{row:32}{place}")
+        return None
     console = Console(stderr=True)
     findings: list[paper.StatementResult] = []
     asked = statements.chosen(name)
@@ -154,7 +157,7 @@ def investigate(
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
     if html is not None:
         require_file(html)
-    values = investigation.constants_of(dict(output.parameter_of(text) for text in constants or []), "--set")
+    values = investigation.constants_of(output.parameters_of(constants or ()), "--set")
     settings |= values
     if subject.endswith(".py"):
         report = investigation.investigate_file(Path(subject).expanduser(), **settings)
@@ -204,7 +207,7 @@ def code(
     from kreisel.languages.source import code as text_of
 
     require_one_of((*LANGUAGES, "fmu"), language, "--language")
-    parameters = dict(output.parameter_of(text) for text in values or ())
+    parameters = output.parameters_of(values or ())
     shape = {"link": link, "length": length, "density": density, "mass": mass}
     free = _free_body(subject, parameters, {k: v for k, v in shape.items() if v is not None})
     asked: dict[str, Any] = {"dt": dt, "method": method, "order": order, "name": name, "single": single}
