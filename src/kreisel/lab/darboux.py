@@ -24,7 +24,7 @@ from kreisel.errors import InputError, explained
 from kreisel.lab import integrals, modular
 from kreisel.lab.exact import Pole, Ratio, fraction, fractions, generators, independent, require_flint, slopes
 from kreisel.lab.integrals import SPARE, Exponents, Polynomial, Product, expanded, monomial_values, monomials, products
-from kreisel.lab.modular import PRIMES, random_residues, residue, residues_at, without_poles
+from kreisel.lab.modular import PRIMES, Mod, random_residues, residue, residues_at, without_poles
 from kreisel.lab.subject import Subject, stacked
 from kreisel.runs.settings import within
 
@@ -301,16 +301,21 @@ def _combinations(subject: Subject, x: Array, exponents: list[Exponents], p: int
     With the basis in reduced form, a coefficient is a function u of x with A u = -b: A are the columns of the pivots, b
     the others.  A du = -(db + dA u).
     """
-    step, moving, rows = subject.over(p), independent(x), []
-    for _ in range(len(exponents) + SPARE_POINTS):
-        rows.append(monomial_values(moving, exponents, None))
-        moving = step(moving)
-    table = np.array(rows)  # the monomials along the orbit of x (points, l), with their derivatives by x
-    values = residues_at(objects((getattr(v, "value", v) for v in table.flat), table.shape), 1, p)[0]
-    derivatives = residues_at(slopes(table, subject.dim), 1, p)[0]
+    step, orbit = subject.over(p), [independent(x)]
+    for _ in range(len(exponents) + SPARE_POINTS - 1):
+        orbit.append(step(orbit[-1]))
+    points = np.array(orbit)
+    at = residues_at(objects((getattr(v, "value", v) for v in points.flat), points.shape), 1, p)[0]
+    values = monomial_values(at, exponents, p)  # (points, l)
     null = modular.kernel(values, p)
+    if not len(null):
+        return 0, np.zeros((0, subject.dim), dtype=np.int64)
+    moved_by = residues_at(slopes(points, subject.dim), 1, p)[0]  # derivatives of points by x
+    monomials_at = monomial_values(independent(objects(Mod(v, p) for v in at.T)), exponents, None)
+    gradients = residues_at(slopes(monomials_at, subject.dim), len(at), p)
+    derivatives = sum(gradients[..., k, None] * moved_by[:, None, k] % p for k in range(subject.dim)) % p
     A = np.delete(values, [np.flatnonzero(vector)[-1] for vector in null], 1)
-    moved = [np.zeros((0, subject.dim), dtype=np.int64)]
+    moved = []
     for vector in null:
         change = (derivatives * vector[:, None] % p).sum(1)  # of sum_j c_j f_j: (points, dim)
         reduced, _ = modular.reduced(np.concatenate([A, -change % p], 1), p)
