@@ -244,7 +244,8 @@ def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array], most: 
         if off > most * max(terms):  # of the size of its terms: 1 of |x|^2 - 1, |M| |P| of <M, P>
             raise InputError(
                 f"The state must lie on {space.name}: {formula} = 0, but it is {off:.3g}. "
-                "Usual cause: a component that is not normalised, or not projected across another."
+                "Usual cause: a component that is not normalised, or not projected across another, such as the "
+                "result of a solver (dop853) with its errors."
             )
 
 
