@@ -343,3 +343,13 @@ def test_orientations_of_lanes_are_those_of_single_runs() -> None:
     for lane in (0, 1):
         single = kr.simulate(top, {"M": M[lane], "P": P[lane]}, orientation=np.eye(3), progress=False, **options)
         np.testing.assert_array_equal(run.g.isel(lane=lane).values, single.g.values)
+
+
+@pytest.mark.parametrize("options", [{"order": 4}, {"order": 2, "orientation": (1, 0, 0, 0)}])
+def test_a_top_without_gravity_in_its_frame_is_named(options: dict[str, object]) -> None:
+    top, P = kr.LagrangeTopMoving(A=(0, 0, 0.9)), np.zeros((2, 3))
+    with pytest.raises(kr.InputError, match="a vector P that is not zero, got 0"):
+        kr.simulate(top, {"M": (0.4, -0.3, 0.8), "P": P[0]}, dt=0.1, steps=1, method="baecklund", **options)
+    P[0] = 0.6
+    with pytest.raises(kr.InputError, match="not zero in lane 1"):
+        kr.simulate(top, {"M": (0.4, -0.3, 0.8), "P": P}, dt=0.1, steps=1, method="baecklund", **options)

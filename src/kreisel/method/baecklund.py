@@ -133,10 +133,18 @@ class Product:
     def _rho(self, x0: State, mus: Array, points: Points | None) -> Array:
         """The constants of the trajectory (..., points): compiled, and by NumPy where that gives none."""
         rho = None if points is None else points(x0, mus)
-        if rho is not None and np.isfinite(rho).all():
-            return rho
-        wide = self._wide_rho(x0[: self.count], mus)
-        return wide if rho is None else np.where(np.isfinite(rho), rho, wide)
+        if rho is None or not np.isfinite(rho).all():
+            wide = self._wide_rho(x0[: self.count], mus)
+            rho = wide if rho is None else np.where(np.isfinite(rho), rho, wide)
+        zero = (np.atleast_1d(rho) == 0).any(-1)
+        if zero.any() and (self.pairs or self.oriented):
+            name, letter = self.model.system.name, self.model.system.space.letters[1]
+            raise InputError(
+                f"method='baecklund' of {name}: expected a vector {letter} that is not zero{in_lane(zero)}, got 0, for "
+                "which pairs of maps and orientations have no direction. Use order=2 without an orientation, or "
+                "method='exact' or 'suris'."
+            )
+        return rho
 
     def _wide_rho(self, state: State, mus: Array) -> Array:
         """The constants in extended precision if the platform has it.
