@@ -246,7 +246,7 @@ def test_what_there_is_not() -> None:
     with pytest.raises(kr.InputError, match="got clebsch with n = 6"):
         six = kr.Clebsch(b=(1, 2, 3, 4, 5, 6))
         kr.simulate(six, {"M": np.zeros((6, 6)), "P": (1, 0, 0, 0, 0, 0)}, dt=0.5, steps=1, method="exact")
-    with pytest.raises(kr.InputError, match="a field P that is zero"):
+    with pytest.raises(kr.InputError, match=r"a field P that is zero.*suris' for P = 0"):
         kr.simulate(body, {"M": (0, 0, 1), "P": (0, 0, 0)}, dt=0.5, steps=1, method="exact")
 
 

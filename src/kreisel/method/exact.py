@@ -274,7 +274,7 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
     raise InputError(
         f"No conjugate pair was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it"
         f"{in_lane(~result)}. Usual causes: entries of b that are equal or nearly so; a state or a field P that is "
-        "zero or not finite. Use method='baecklund' with a high order, or method='dop853'."
+        "zero or not finite. Use method='suris' for P = 0, else 'baecklund' with a high order, or 'dop853'."
     )
 
 
