@@ -14,10 +14,11 @@ from kreisel.lab.law import errors_of, flat_start, solutions
 from kreisel.method import scheme
 from kreisel.method.scheme import ORIENTATION
 from kreisel.record.model import Model
+from sizes import FULL
 
 Array = Any
 COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # steps in a unit of time
-TIMES = (1, 2, 4, 8)
+TIMES = (1, 2, 4, 8) if FULL else (1, 2, 4)
 RATE, LONGEST = 3.0, 8.0  # of a unit of time
 WINDOW, LARGEST = 4, 1e-1  # successive steps; beyond such errors there is no order
 PLATEAU, FAR = 3e-13, 3  # errors of rounding; how far above the measured ones an error is the method's
