@@ -319,7 +319,7 @@ def test_a_sweep_over_a_parameter_of_a_force(tmp_path: Path, monkeypatch: pytest
         '[output]\npath = "sweep.zarr"\n'
     )
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, ["sweep", "sweep.toml"])
+    done = CliRunner().invoke(app, ["sweep", "sweep.toml", "--workers", "0"])
     assert done.exit_code == 0, done.output
     body = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a, *, k: k * a[0] ** 2, params={"k": 0.02})
     run = kr.simulate(body, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.3, steps=20)
