@@ -274,6 +274,7 @@ COMMANDS: list[tuple[list[str], str]] = [
     (["code", "euler-topp"], "Did you mean 'euler-top'"),
     (["code", "euler-top", "--set", "J=1,2,3", "--set", "J=2,3,4"], "--set: expected J once"),
     (["code", "run.toml", "--n", "4"], "--n: not for 'run.toml'"),
+    (["code", "run.toml", "--no-orientation"], "--no-orientation: not for 'run.toml'"),
     (["code", "free-body", "--n", "4"], "--n: not for 'free-body'"),
     (["verify", "theorm"], "theorm"),
 ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -133,3 +135,15 @@ def test_bad_input(name):
     call, words = BAD[name]
     with pytest.raises(kr.InputError, match=words):
         call(run_of(body, body.pointing(), steps=1))
+
+
+def test_a_page_reads_its_archive_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from xarray.backends.zarr import ZarrArrayWrapper
+
+    satellite = Satellite((1.0, 2.0, 2.5), Orbit.circular("500 km"))
+    start = satellite.state(("4 deg/s", "2 deg/s", 0))
+    kr.simulate(satellite, start, dt=10.0, steps=300, every=5, path=tmp_path / "a.zarr", progress=False)
+    run, reads, read = kr.open_run(tmp_path / "a.zarr"), [], ZarrArrayWrapper.__getitem__
+    monkeypatch.setattr(ZarrArrayWrapper, "__getitem__", lambda array, key: reads.append(key) or read(array, key))
+    kr.view(run)
+    assert len(reads) < run.sizes["time"]

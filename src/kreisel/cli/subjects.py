@@ -213,6 +213,8 @@ def code(
     asked: dict[str, Any] = {"dt": dt, "method": method, "order": order, "name": name, "single": single}
     if n is not None and (free is not None or subject.endswith(".toml")):
         raise InputError(f"--n: not for {shown(subject)}; see kreisel code --help.")
+    if not orientation and (free is not None or subject.endswith(".toml")):
+        raise InputError(f"--no-orientation: not for {shown(subject)}; see kreisel code --help.")
     if free is None:
         free, asked["x0"] = _example_or_run(subject, parameters, asked, 3 if n is None else n, orientation)
     asked["dt"] = 1 / 60 if asked["dt"] is None else asked["dt"]

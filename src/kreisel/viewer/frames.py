@@ -170,7 +170,7 @@ def _measured_rate(first: xr.Dataset, record: RunRecord) -> float:
 def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, note: str) -> tuple[xr.Dataset, str]:
     """Rows, with the motion after some of them by the method of the run."""
     lanes = shown.sizes.get("lane", 1)
-    time = np.asarray(shown["time"].values, dtype=np.float64)
+    time, rows = np.asarray(shown["time"].values, dtype=np.float64), {k: shown[k].values for k in record.kinds}
     split = max(1, math.ceil(record.dt * rate / DENSE))
     step = record.dt / split
     every, most = 1, max(1, int(FINE / (rate * step)))
@@ -192,7 +192,7 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
         inside = min(length, int(wanted[row]) - 1)
         if length >= wanted[row] and abs(gaps[row] / spacing - wanted[row]) < 1e-6:
             for letter in record.kinds:  # relative to the size of the state
-                saved = np.asarray(shown[letter].values[row + 1])
+                saved = rows[letter][row + 1]
                 replayed = states[letter][int(wanted[row]), number].reshape(saved.shape)
                 worst = max(worst, float(abs(replayed - saved).max()) / (float(abs(saved).max()) or 1.0))
         if inside > 0:
@@ -223,10 +223,10 @@ def _carried_on(starts: Any, record: RunRecord, model: Model, step: float, every
     if "lane" not in starts.dims and not model.batch and forced is None and pairs_of(model) is None:  # all at once
         states = moving.steps({k: starts[k].values for k in names}, length * every, every)
         return {k: np.asarray(states[k]) for k in names}
-    runs = []
+    runs, values = [], {k: starts[k].values for k in names}  # of an archive, each access reads the file
     for row, begun in enumerate(np.asarray(starts["time"].values, dtype=np.float64).tolist()):
         clock = {} if forced is None else {"time": begun}
-        runs.append(moving.steps({k: starts[k].values[row] for k in names}, length * every, every, **clock))
+        runs.append(moving.steps({k: values[k][row] for k in names}, length * every, every, **clock))
     return {k: np.stack([np.asarray(states[k]) for states in runs], 1) for k in names}
 
 
