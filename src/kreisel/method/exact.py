@@ -166,8 +166,10 @@ REACH = 6.0  # rate times time of a pair that is tried first: of 40 random bodie
 MOST_TRIALS = 8  # each with more copies
 NEWTON_STEPS = 14
 SETTLED = 64  # residual in units of the last place of the extended values
-SLOPES = (1e-7, 1e-13), (3e-10, 1e-10)  # shift of mu for differences, and ridge of the squares, far from mu
-FAR = 1e-9  # residual above which M and P count alike
+FAR = 1e-9  # residual above which M and P may count alike
+# Of each attempt: the shift of mu for differences, the ridge of the squares, and the residual above which it holds and
+# M and P count alike.  The first has neither.
+SLOPES = (np.sqrt(np.finfo(np.longdouble).eps), 0.0, np.inf), (1e-7, 1e-13, FAR), (3e-10, 1e-10, FAR)
 BETWEEN = 20  # steps between projections at most: 1 % of the time; with 500 errors are four to twenty times as large
 LEAST_REAL = 0.5  # of mu h, which is 3 for short times
 MOST_COPIES = 1_000_000  # of a pair in a step: tens of megabytes a lane
@@ -320,7 +322,7 @@ def _pair(model: Model, z: State, mu: Array) -> State:
         return stage(record, z, 2, constants, True, True)
 
 
-def _newton(model: Model, state: State, h: float, shift: float, ridge: float) -> tuple[Array, Array]:
+def _newton(model: Model, state: State, h: float, shift: float, ridge: float, least: float) -> tuple[Array, Array]:
     """mu of each lane in extended precision, and if it is one of the near branch."""
     z = _wide(state)
     batch = np.broadcast_shapes(*(v.shape for v in model.constants.values() if v.ndim > 1), ())[:-1]
@@ -341,7 +343,7 @@ def _newton(model: Model, state: State, h: float, shift: float, ridge: float) ->
         change = shift * abs(mu)
         slopes = np.stack([(missed(mu + change * way) - miss) / change[..., None] for way in (1, 1j)])
         # next to a small P, M hardly changes: far from mu, what P misses to second order would hide the slope of M
-        far, rates = abs(miss).max(-1) > FAR, _of_components(slopes).max(0)
+        far, rates = abs(miss).max(-1) > least, _of_components(slopes).max(0)
         weights = np.where(far[..., None], np.maximum(rates, FAR * rates.max(-1, keepdims=True)), 1)
         change = _least_squares(slopes / weights, -miss / weights, np.where(far, ridge, last))
         most = abs(mu) / 3
