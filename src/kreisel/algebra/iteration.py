@@ -92,6 +92,9 @@ def entry(address: Any, row: Any, last: Any, column: int, stride: int) -> Any:
     recorder = next((x for x in (address, row, last) if hasattr(x, "record_entry")), None)
     if recorder is not None:
         return recorder.record_entry(address, row, last, column, stride)
+    if all(isinstance(x, float) for x in (address, row, last)):  # arrays need far longer
+        place = (int(min(row, last)) if row > 0 else 0) * stride + column
+        return _ARRAYS[int(address)].ravel()[place] if address else np.float64(0)
     addresses, rows, ends = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (address, row, last)))
     places = np.where(rows > 0, np.minimum(rows, ends), 0).astype(np.int64) * stride + column
     out = np.zeros(places.shape)
