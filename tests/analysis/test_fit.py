@@ -15,6 +15,7 @@ from scipy.stats import chi2
 import kreisel as kr
 from kreisel import algebra
 from kreisel.analysis import fit as fits
+from sizes import FULL
 from support import cross, rotation_matrix
 
 TOP = kr.LagrangeTop(p=(0, 0, 1.3))
@@ -127,7 +128,7 @@ def test_a_skew_matrix_has_its_entries_once() -> None:
     entries = {f"M[{i}, {j}]": noisy[:, i, j].copy() for i in range(4) for j in range(i + 1, 4)}
     noisy[3, 2, 1] = noisy[5, 0, 3] = np.nan  # entries without a mirror image
     asked: dict[str, Any] = {"free": ["J[0]", "M"], "x0": {"M": M}, "dt": 0.05, **how}
-    for sigma in (1e-3, None):
+    for sigma in (*[1e-3] * FULL, None):
         errors = {} if sigma is None else dict.fromkeys([f"sigma_{name}" for name in entries], sigma)
         data = seen(run.time.values, M=noisy, **({} if sigma is None else {"sigma_M": sigma}))
         found, each = kr.fit(top, data, **asked), kr.fit(top, seen(run.time.values, **entries, **errors), **asked)

@@ -111,6 +111,7 @@ def test_errors_of_another_unit_are_doubted():
         photometry._as_fit(seen, [("short-axis", x, chi2)], epoch, None)
 
 
+@pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
 def test_a_small_tilt_and_the_ranges(small):
     body, state, rotation = tumbler(0.12, 2 * np.pi / (9 * HOUR), False)
     data = observations(body, state, np.arange(6))

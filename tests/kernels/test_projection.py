@@ -29,7 +29,7 @@ from kreisel.physical import Ellipsoid
 from kreisel.runs.planning import make_plan
 from kreisel.sweeps.sweep import check_archive
 from kreisel.system import REGISTRY
-from sizes import FULL, costly
+from sizes import FULL, costly, full
 from support import cpu_engine
 
 EPS = float(np.finfo(float).eps)
@@ -148,10 +148,15 @@ WRITTEN_OUT = [
 ]
 
 
-@pytest.mark.parametrize(("name", "n", "method", "orientation"), WRITTEN_OUT)
-@pytest.mark.parametrize("lanes", [1, 11])
+@pytest.mark.parametrize(
+    ("lanes", "name", "n", "method", "orientation"),
+    [
+        *((lanes, *each) for lanes, each in zip((1, 11, 11, 1), WRITTEN_OUT, strict=True)),
+        *full(*((lanes, *each) for lanes, each in zip((11, 1, 1, 11), WRITTEN_OUT, strict=True))),
+    ],
+)
 def test_a_projection_written_out_is_that_of_its_program(
-    name: str, n: int, method: str, orientation: Any, lanes: int, monkeypatch: pytest.MonkeyPatch
+    lanes: int, name: str, n: int, method: str, orientation: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The bits are those of the loops that go through any program."""
     options: dict[str, Any] = {"orientation": None if orientation is None else np.eye(3)}

@@ -8,6 +8,7 @@ import xarray as xr
 
 import kreisel as kr
 from kreisel.physical import FreeBody
+from sizes import FULL
 
 PUSH = 1e-3  # N m s, about the first axis of a sphere
 FAR = 31_536_000.0  # s: a year
@@ -214,7 +215,7 @@ def test_a_memory_of_light_and_density() -> None:
         memory={"bright": 0.0, "thick": 0.0},
     )
     orbit = Orbit.circular("500 km", epoch="2026-03-20T14:46:00")
-    for lanes in (orbit, [orbit, Orbit.circular("600 km", epoch="2026-03-20T14:46:00")]):
+    for lanes in (*[orbit] * FULL, [orbit, Orbit.circular("600 km", epoch="2026-03-20T14:46:00")]):
         body = Satellite.cubesat(lanes, air="exponential", control=law)
         run = kr.simulate(body, body.state(), dt="1 min", t_end="95 min", progress=False)
         np.testing.assert_allclose(run.bright[1:], run.light[:-1], rtol=0, atol=1e-9)

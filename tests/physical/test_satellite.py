@@ -245,7 +245,7 @@ def textbook(body: Satellite, spin: object, attitude: np.ndarray, times: np.ndar
     R = algebra.rotation_matrix(attitude)
     start = np.concatenate([R @ (moments @ np.asarray(spin) + wheel), attitude])
     size = np.concatenate([np.full(3, np.linalg.norm(start[:3])), np.ones(4)])
-    found = solve_ivp(rates, (0, times[-1]), start, method="DOP853", rtol=1e-10, atol=1e-11 * size, t_eval=times).y.T
+    found = solve_ivp(rates, (0, times[-1]), start, method="DOP853", rtol=1e-9, atol=1e-10 * size, t_eval=times).y.T
     return algebra.rotation_matrix(algebra.unit(found[:, 3:]))
 
 

@@ -15,6 +15,7 @@ from kreisel.graph.recording import Recording
 from kreisel.runs import integration
 from kreisel.storage import simulate as simulating
 from kreisel.sweeps.sweep import check_archive
+from sizes import full
 from support import contents
 
 BODY = kr.perturbed(
@@ -147,8 +148,7 @@ def test_bodies_in_pairs() -> None:
 @pytest.mark.parametrize(
     "asked",
     [
-        {"times": np.linspace(0.3, 30, 50)},
-        {"steps": 1000, "every": 50, "impulses": IMPULSES},
+        *full({"times": np.linspace(0.3, 30, 50)}, {"steps": 1000, "every": 50, "impulses": IMPULSES}),
         {"steps": 1000, "every": 50, "events": STRIKE},
         {"steps": 1000, "every": 3, "events": [LOW, STRIKE]},
         {"times": np.linspace(0.0, 40, 33), "impulses": IMPULSES, "events": STRIKE},

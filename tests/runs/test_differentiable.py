@@ -80,9 +80,9 @@ def test_rows_are_those_of_a_run() -> None:
 def test_a_batch_may_be_empty() -> None:
     f = kr.differentiable(TOP, method="suris", order=1)
     with red.double():
-        for derivative in (lambda f: f, jax.jacfwd, jax.jacrev):
+        for derivative, shape in ((lambda f: f, (0, 3)), (jax.jacfwd, (0, 3, 3)), (jax.jacrev, (0, 3, 3))):
             one = derivative(lambda s: f({**START, "m": s}, dt=0.1, steps=4)["a"])
-            assert jax.vmap(one)(jnp.zeros((0, 3))).shape == (0, *one(jnp.ones(3)).shape)
+            assert jax.vmap(one)(jnp.zeros((0, 3))).shape == shape
 
 
 def along(f: Any, x: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -114,8 +114,7 @@ def slopes(model: Any, start: Any, letter: str, method: str, order: Any, **more:
     [
         (0, "m", {}),
         (0, "dt", {}),
-        (0, "p", {"p": np.array([0.1, 0.2, 0.9])}),
-        *full((2, "dt", {})),
+        *full((0, "p", {"p": np.array([0.1, 0.2, 0.9])}), (2, "dt", {})),
         (3, "m", {}),
         (4, "alpha", {"alpha": np.array(1.7)}),
         (5, "M", {}),
@@ -413,7 +412,7 @@ def test_a_map_whose_eigenvalue_needs_no_search() -> None:
     assert abs(rate - (end(M, 0.1 + h) - end(M, 0.1 - h)) / (2 * h)).max() < 1e-7
 
 
-@pytest.mark.parametrize("order", [2, 4, 6])
+@pytest.mark.parametrize("order", [*full(2, 4), 6])  # with a real stage, a pair, both
 def test_a_negative_step_goes_back(order: int) -> None:
     """Weight -p at a: m' = a x (-p), a' = m x a, ten steps back by SciPy; of Clebsch's case, back and forth."""
 
