@@ -17,6 +17,7 @@ import kreisel as kr
 from clouds import G, cloud, integrated
 from kreisel.analysis import megno
 from kreisel.physical import Binary, Ensemble, GravityBody, Orbit, ThirdBody, read_mesh
+from sizes import FULL
 from support import cross
 
 HOUR, DISTANCE = 3600.0, 1000.0
@@ -319,6 +320,7 @@ def test_nix_has_the_published_orbit() -> None:
     assert np.allclose(np.cos(nix.angles(run, 3)[0][0]), np.cos(np.radians(132)))  # the roll, on the first line
 
 
+@pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
 def test_nix_tumbles_chaotically_if_it_is_slow() -> None:
     """In any direction at about the mean motion, but not as New Horizons saw it.  [Showalter, Hamilton 2015]"""
     nix, days, draw = Binary.nix(), 24.85463, np.random.default_rng(2)

@@ -192,7 +192,8 @@ def test_a_kill_at_any_rename_leaves_the_old_or_the_new(
     old = shutil.copytree(path, tmp_path_factory.mktemp("old") / path.name)
     total = killed(10**6)
     renames = total - sum(1 for _ in path.rglob("*")) - 6  # before all that removes the old one
-    for call in [*range(0, renames, 11 if FULL else 37), *range(renames, renames + 12), total - 1]:
+    far, near = (11, 1) if FULL else (97, 2) if swept else (37, 1)
+    for call in [*range(0, renames, far), *range(renames, renames + 12, near), total - 1]:
         shutil.rmtree(path)
         shutil.copytree(old, path)
         killed(call)
