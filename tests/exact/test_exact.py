@@ -21,6 +21,7 @@ from kreisel.kernels.exact.engine import dyadic
 from kreisel.runs import integration as runs
 from kreisel.runs.planning import make_plan
 from kreisel.sweeps.sweep import check_archive
+from sizes import full
 from taylor import quadrature, taylor
 from tops import DOUBLE, SPECIAL, UP, error, off, off_turn, random_tops
 
@@ -32,7 +33,18 @@ def _in_many_digits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine.jumps, "TOLERANCE", -1.0)
 
 
-@pytest.mark.parametrize("name", SPECIAL)
+ALIKE = (  # they go the way of others
+    "fast, hanging",
+    "slow",
+    "spherical pendulum",
+    "pendulum near the separatrix",
+    "sleeping, unstable, disturbed",
+    "sleeping, stable, disturbed",
+    "through the bottom",
+)
+
+
+@pytest.mark.parametrize("name", [*(name for name in SPECIAL if name not in ALIKE), *full(*ALIKE)])
 def test_special_motions_against_taylor(name: str) -> None:
     m, b, p = SPECIAL[name]
     unit = 0.1 if name in ("very fast", "falling asleep") else 1.0
@@ -64,7 +76,7 @@ def test_small_motions_keep_their_digits(m: tuple[float, ...], a: tuple[float, .
     assert off_turn(there.g.values, want[2]) < DOUBLE
 
 
-@pytest.mark.parametrize("number", range(20))
+@pytest.mark.parametrize("number", [*range(5), *full(*range(5, 20))])
 def test_random_tops_against_taylor(number: int) -> None:
     draw = np.random.default_rng(number)
     m, b, p = random_tops(20)[number]
@@ -92,7 +104,7 @@ def test_settling_on_the_separatrix(name: str, time: float) -> None:
         assert off_turn(algebra.quaternion_product(about, later[0]), later[1]) < 1e-14
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", [0, 1, *full(2, 3)])
 def test_a_million_million_periods_on(number: int) -> None:
     """b turns by the azimuth in each period, g = Rot_p(azimuth) g Rot_b(...); the rest by Taylor."""
     digits = 50
@@ -129,7 +141,7 @@ def nutation_of(m: object, b: object, p: object, digits: int = 30) -> Nutation:
     return Nutation(context, motions.Integrals.of(*(motions.rationals(v) for v in (m, b, p))))
 
 
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("number", [0, 5, *full(1, 2, 3, 4)])
 def test_the_papers_map_is_the_flow_after_a_turn(number: int) -> None:
     """D_eps^N = Rot_p(N theta) Phi_(N tau), D_eps the registry's map in the variables (m, b)."""
     m, b, p = random_tops(20)[number]
@@ -205,8 +217,7 @@ MUTANTS = [
 
 @pytest.mark.parametrize(("owner", "name", "mutant"), MUTANTS, ids=[f.__name__ for _, _, f in MUTANTS])
 def test_mutants_are_caught(owner: object, name: str, mutant: object, monkeypatch: pytest.MonkeyPatch) -> None:
-    generic = SPECIAL["generic"]
-    assert error(*generic, -6.7) < DOUBLE
+    generic = SPECIAL["generic"]  # right without the mutant: test_special_motions_against_taylor
     monkeypatch.setattr(owner, name, mutant)
     try:
         assert error(*generic, -6.7) > 10 * DOUBLE
@@ -387,7 +398,7 @@ def test_times_are_exact_binary_numbers() -> None:
     assert [math.ldexp(m, int(k)) for m, k in zip(M, e, strict=True)] == times.tolist()
 
 
-@pytest.mark.parametrize("eps", [0.1, 0.7, 2.0, 5.0, 30.0])
+@pytest.mark.parametrize("eps", [0.1, 2.0, 30.0, *full(0.7, 5.0)])
 @pytest.mark.parametrize("order", [1, 2])
 def test_iterates_of_the_papers_map(eps: float, order: int) -> None:
     """Against the map itself; the second top is on the other branch of r from eps = 2 on."""
@@ -458,7 +469,7 @@ def test_kinds_of_motion(name: str) -> None:
     assert kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": b}).kind == KINDS[name]
 
 
-@pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-12, 1e-20, 1e-60, 1e-160])
+@pytest.mark.parametrize("size", [1e-3, 1e-12, 1e-160, *full(1e-6, 1e-20, 1e-60)])
 @pytest.mark.parametrize("length", [1.0, 1e-20])
 def test_an_axis_that_passes_close_to_the_vertical(size: float, length: float) -> None:
     """It turns by half a turn there, but for an angle of the size of m."""
@@ -469,7 +480,7 @@ def test_an_axis_that_passes_close_to_the_vertical(size: float, length: float) -
     assert figures.precession == pytest.approx(-np.pi, abs=3 * size / np.sqrt(length) + 1e-14)
 
 
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("number", [0, 1, *full(2, 3, 4, 5)])
 def test_figures_against_the_motion(number: int) -> None:
     m, b, p = random_tops(20)[number]
     top, alpha = kr.LagrangeTop(p=p, alpha=0.6), 0.6

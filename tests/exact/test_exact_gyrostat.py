@@ -14,6 +14,7 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.exact import gyrostat, quadrics
 from kreisel.exact.nutation import rationals
+from sizes import full
 
 J, H, M0 = (0.7, 1.1, 1.6), (0.3, -0.5, 0.8), (0.9, -0.4, 1.3)
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -198,7 +199,7 @@ def test_a_wrong_step_is_seen(name: str, monkeypatch: pytest.MonkeyPatch) -> Non
     assert max(stepped(J, H, M0, 1.8)) > 1e-12
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, 1, 2, *full(3, 4, 5, 6, 7)])
 @pytest.mark.parametrize("dt", [0.1, 2.0])
 def test_against_taylor(seed: int, dt: float) -> None:
     draw = np.random.default_rng(seed)
@@ -229,7 +230,7 @@ SPECIAL = [
 
 
 @pytest.mark.parametrize(("J", "h", "M"), SPECIAL)
-@pytest.mark.parametrize("dt", [0.25, 3.0])
+@pytest.mark.parametrize("dt", [0.25, *full(3.0)])
 def test_special_motions(J: Any, h: Any, M: Any, dt: float) -> None:
     want = truth(J, h, M, 4 * dt)
     state, turn = off(simulated(J, h, M, dt, 4, orientation=UPRIGHT), want)
