@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
 	@echo "make test      the whole test suite"
-	@echo "make test-full the same with the cases that take minutes"
+	@echo "make test-full the same with further cases, some of minutes"
 	@echo "make test-machines  what depends on the processor, under the code that the libraries have for others; two hours"
 	@echo "make examples  run every example, outputs in out/"
 	@echo "make gallery   every picture of the gallery, in out/gallery and docs/gallery"
@@ -63,7 +63,7 @@ test: $(STAMP)
 	KREISEL_CODE_LEVEL=0 $(BIN)/python -m pytest -q -rs -n 2 --dist worksteal $(LIMITED) tests
 
 test-full: $(STAMP)
-	@echo "== the test suite, with the cases that take minutes"
+	@echo "== the test suite, with further cases"
 	KREISEL_FULL=1 $(BIN)/python -m pytest -q -n 2 tests
 
 # MACHINES="--quick", or names of tests/machines.py; all of them if nothing is said

@@ -81,12 +81,12 @@ CODE_LEVEL = 1
 
 
 def code_level() -> int:
-    """The level of kernels."""
+    """LLVM's level for kernels: KREISEL_CODE_LEVEL, 0 or 1, default `CODE_LEVEL`.  Raises `InputError`."""
     asked = os.environ.get("KREISEL_CODE_LEVEL", str(CODE_LEVEL))
-    if asked not in ("0", "1", "2", "3"):
+    if asked not in ("0", "1"):
         raise InputError(
-            f"KREISEL_CODE_LEVEL: expected 0, 1, 2 or 3, got {shown(asked)}. Correct this variable of the "
-            "environment, or unset it."
+            f"KREISEL_CODE_LEVEL: expected 0 or 1, got {shown(asked)}. Correct this variable of the environment, or "
+            "unset it."
         )
     return int(asked)
 
