@@ -36,12 +36,15 @@ LARGE = ("lagrange-top", "clebsch", "neumann", "euler-top")
 ORDERS = (None, 2, 4)
 THOROUGH = ("lagrange-top", "clebsch", "euler-top", "heisenberg-chain", "kirchhoff")  # with all runs among the few
 BRIEF = ("dop853", "exact", "midpoint")  # methods whose ensembles are quickly compiled
+PRIVILEGED = ("pku", "wbnoinvd")  # keys of memory pages, caches: hypervisors hide these instructions, no kernel has them
 
 
 def machine() -> str:
     """All that bits depend on beside the code of Kreisel: processor and versions."""
+    triple, name, features = processor()
+    features = ",".join(flag for flag in features.split(",") if flag[1:] not in PRIVILEGED)
     versions = [f"{package} {metadata.version(package)}" for package in ("numpy", "scipy", "llvmlite")]
-    return " ".join([*processor(), *versions, *platform.libc_ver()])
+    return " ".join([triple, name, features, *versions, *platform.libc_ver()])
 
 
 def few(name: str) -> bool:
