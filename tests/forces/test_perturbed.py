@@ -130,7 +130,7 @@ def test_the_flows_begin_as_the_rates(name: str) -> None:
         if record.damping:
             state, gained = kicks.decayed(body._replace(state=state), time)
             work = work + gained
-        for turn in turns_of(model):
+        for turn in turns_of(model).values():
             state, _ = turn(state, (), time, body.constants)
         ends.append((state, work))
     (up, gain), (down, loss) = ends

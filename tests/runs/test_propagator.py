@@ -375,7 +375,7 @@ def test_a_run_keeps_what_is_observed(top: Any, x0: Any, tmp_path: Path) -> None
 
 
 def test_what_was_recorded_is_used_again(top: Any, x0: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a model with the same record and parameters, not of one whose parameters differ in a bit."""
+    """Of a model with the same record and parameters, not of one in whose code a 1 is folded that differs in a bit."""
     from kreisel.graph.recording import Recording
 
     options = {"dt": 0.05, "steps": 10, "method": "suris", "progress": False}

@@ -494,20 +494,21 @@ def energy_of_spin(body: Body) -> Any:
 # -- rotations about fixed body axes -----------------------------------------------------------------
 
 
-def turns_of(model: Model, with_zeros: bool = False) -> list[Turn]:
-    """The rotations of a perturbed body: (state, orientation, h, constants), if they have an effect in some lane.
+def turns_of(model: Model, with_zeros: bool = False) -> dict[tuple[str, int], Turn]:
+    """The rotations of a perturbed body by kind and place, if they have an effect in some lane.
 
     With `with_zeros` all are returned, since parameters may change.
     """
     system, record = model.system, perturbation_of(model.system)
-    out: list[Turn] = []
+    out: dict[tuple[str, int], Turn] = {}
     if record.inertia:
         change = abs(inverse_moments(system, model.constants)).reshape(-1, 3).max(0)
         axes = np.flatnonzero(with_zeros | (change > SAME * (1 / model.constants[INERTIA]).max())).tolist()
-        out += [about_axis(system, axis) for axis in axes]
+        out |= {(INERTIA, axis): about_axis(system, axis) for axis in axes}
     if record.coupling:
         result = [np.asarray(weight(model.constants[COUPLING], term)) for term in range(6)]
-        out += [along_coupling(system, term) for term in range(6) if with_zeros or result[term].any()]
+        terms = [term for term in range(6) if with_zeros or result[term].any()]
+        out |= {(COUPLING, term): along_coupling(system, term) for term in terms}
     return out
 
 

@@ -77,7 +77,8 @@ def code_of(
 ) -> Code:
     """The code of a scheme's step for the lanes of `constants` (lanes, count)."""
     special = tuple(special_constants(constants).items())  # which are folded into the code
-    key = None if scheme.kernel_key is None else (Code, scheme.kernel_key, len(constants), special, project)
+    of_step = scheme.of_structure(scheme.kernel_key)
+    key = None if of_step is None else (Code, of_step, len(constants), special, project)
 
     def make() -> Code:
         try:
@@ -320,7 +321,8 @@ def _program_between(
 ) -> tuple[Program | None, bool]:
     """The invariants on recorded scalars, None if there are none, and whether there would be too many lines."""
     members = tuple((name, tuple(chosen)) for name, chosen in observed.members.items())
-    key = None if scheme.kernel_key is None else (_program_between, scheme.kernel_key, members)
+    of_step = scheme.of_structure(scheme.kernel_key)
+    key = None if of_step is None else (_program_between, of_step, members)
 
     def make() -> tuple[Program | None, bool]:
         try:
@@ -392,7 +394,8 @@ def row_function(
         return outputs_by_rows(outputs.graph, outputs.values, inputs), len(outputs.values), outputs.places
 
     # the code has the places of the constants, which a scheme without constants of its trajectories lacks in part
-    code = reused(None if scheme.definition_key is None else (*name, tuple(columns), scheme.definition_key), make)
+    of_rows = scheme.of_structure(scheme.definition_key)
+    code = reused(None if of_rows is None else (*name, tuple(columns), of_rows), make)
     if code is None:
         return None
     kernel, count, places = code
@@ -467,7 +470,8 @@ def compiled_point(
         key = "points", graph.digest(outputs), count, len(mu), width
         return (kernel(key, 8, partial(_write_points, graph, outputs, (count, len(mu)), width)),)
 
-    key = None if scheme.kernel_key is None else (compiled_point, scheme.kernel_key, name, pair, width, folded)
+    of_step = scheme.of_structure(scheme.kernel_key)
+    key = None if of_step is None else (compiled_point, of_step, name, pair, width, folded)
     return reused(key, make)[0]
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from kreisel.algebra.reuse import reused
+import numpy as np
+
+from kreisel.algebra.reuse import Identity, reused
 from kreisel.errors import InputError, hint, shown
 from kreisel.method.records import METHODS, Method
 from kreisel.method.scheme import Outcome, Scheme, held_by_orientation
@@ -53,7 +55,7 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
         from kreisel.forces.control import require_whole_samples
 
         require_whole_samples(model, dt)
-    key = Scheme, model.key, record.name, dt, order, oriented
+    key = model.key, Scheme, record.name, dt, order, oriented
 
     def make() -> Scheme:
         scheme = record.make(model, dt, order, oriented)
@@ -64,6 +66,18 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
             held=scheme.held or held_by_orientation(model, scheme.components),
             definition_key=key,
             kernel_key=(model.key, record.name, in_motion, oriented) if shared else key,
+            structure=_structure(model, scheme),
         )
 
     return reused(key if kept else None, make)
+
+
+def _structure(model: Model, scheme: Scheme) -> tuple[Any, ...] | None:
+    """`Scheme.structure`; None if values of parameters may be in the code of the scheme."""
+    by_values = scheme.parameters_in_motion is None or scheme.coupling is not None
+    if by_values or not model.constants.keys() <= scheme.constants.keys():
+        return None
+    numbers = {**scheme.constants, **scheme.stages}
+    shapes = tuple((name, np.shape(value)[np.ndim(value) - scheme.axes[name] :]) for name, value in numbers.items())
+    outcomes = tuple((name, outcome.conserved) for name, outcome in scheme.outcomes.items())
+    return Identity(model.system), model.n, scheme.components, shapes, outcomes, scheme.parameters_in_motion

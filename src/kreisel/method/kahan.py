@@ -77,7 +77,8 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         name: Outcome("integral", f"deformed {meaning}, conserved exactly by the map", conserved=True)
         for name, meaning in integrals.meanings.items()
     }
-    return replace(scheme, prepare=prepare, outcomes=outcomes | deformed)
+    # these integrals may depend on which parameters are 0
+    return replace(scheme, prepare=prepare, outcomes=outcomes | deformed, parameters_in_motion=None)
 
 
 # -- the step ---------------------------------------------------------------------------------------------

@@ -273,9 +273,13 @@ class Scheme:
     corrector: Corrector | None = None
     dt_in_constants: bool = False  # whether dt enters only `constants`, `stages`, and observed variables
     order_in_motion: Any = None  # all that the motion depends on of the order, if the rest is in `stages`
+    # Decisions by parameters on which the code of motion and observed variables depends; None if unknown.
+    parameters_in_motion: tuple[Any, ...] | None = ()
     # Compiled code is kept by these; None for code that is not kept.  Schemes with the same
     definition_key: tuple[Any, ...] | None = None  # differ only in constants of the trajectory
     kernel_key: tuple[Any, ...] | None = None  # differ only in constants, dt and stages, and have one kernel
+    # Replaces the model, first in these keys, for code whose inputs are the values of all parameters; or None.
+    structure: tuple[Any, ...] | None = None
     compiled: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)  # of one lane
 
     @property
@@ -362,6 +366,10 @@ class Scheme:
         """The scheme with other values, without a corrector."""
         constants = {**self.constants, **numbers.constants}
         return replace(self, constants=constants, stages=numbers.stages, corrector=None)
+
+    def of_structure(self, key: tuple[Any, ...] | None) -> tuple[Any, ...] | None:
+        """A key of code whose inputs are the constants, from `definition_key` or `kernel_key`."""
+        return key if key is None or self.structure is None else (self.structure, *key[1:])
 
     def advance(self, *z: Array) -> tuple[Array, ...]:
         """A complete step by the definition: every stage once, then `close`.  Engines compile the same."""

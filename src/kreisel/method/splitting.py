@@ -87,7 +87,8 @@ class Splitting:
         self.closes = self.fractions.a[-1] != 0  # else a step begins and ends behind a kick
         self.start = 0.0 if self.closes else -0.5  # of a step before its time, in steps
         self.integrable: Integrable = integrable(model)
-        self.turns = turns_of(model, all_turns)
+        turns = turns_of(model, all_turns)
+        self.turns = [*turns.values()]
         if kicks.changes_its_loads(model.system) and order in (6, 8):
             raise InputError(
                 f"method='splitting': expected order=4 or a tuple such as (8, 6, 4), since a torque or force of the "
@@ -102,6 +103,7 @@ class Splitting:
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
         self.with_zeros = all_turns
         self.span = None if all_turns else control.span_of(model)  # derivatives are those of the field
+        self.by_parameters = *turns, self.rubs, self.span is None
         self.changed: tuple[int, ...] = ()
         if record.sampled:
             self.changed = control.changed_by_samples(model.system)
@@ -318,6 +320,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         options={"order": order},
         dt_in_constants=True,
         order_in_motion=(body.parts, body.closes),
+        parameters_in_motion=body.by_parameters,
         guard=guard if body.integrable.reach is not None else None,
         coupling=coupling,
         corrector=None

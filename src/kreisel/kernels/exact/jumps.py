@@ -241,7 +241,8 @@ class Jumps:
     def __init__(self, scheme: Scheme, lanes: int):
         self._constants, columns = flat_constants(scheme, lanes)
         self._address = address_of(self._constants)
-        key = None if scheme.definition_key is None else (Jumps, scheme.definition_key)
+        of_rows = scheme.of_structure(scheme.definition_key)
+        key = None if of_rows is None else (Jumps, of_rows)
         self._jump = reused(key, lambda: _Jumping(scheme, columns).kernel())
 
     def single(self, d: int) -> Leap:

@@ -240,6 +240,7 @@ class LargeForm:
             recordable=False,
             basis=basis,
             definition_key=None,
+            structure=None,
             kernel_key=None if scheme.kernel_key is None else (scheme.kernel_key, repr(self)),
         )
 

@@ -167,7 +167,8 @@ class StateForms:
             lines = returned(algebra.restore(z, scheme.kinds, n), **scheme.constants).values()
             return np.concatenate([np.broadcast_to(v, (*z.shape[:2], v.shape[-1])) for v in lines], -1)
 
-        natural = replace(scheme, components=tuple(zip(self.letters, self._kinds, strict=True)))
+        kinds = tuple(zip(self.letters, self._kinds, strict=True))
+        natural = replace(scheme, components=kinds, structure=None)  # `prepare` has values of the model
         into = None if self.model.batch else row_function(natural, prepared, lanes, ("prepare",))
         by_arrays = isinstance(scheme.motion, Flow)  # as the rows of a run
         out = None if by_arrays else row_function(scheme, returned, lanes, ("return", self.settings.observe))
