@@ -208,6 +208,7 @@ def test_a_right_map_never_shouts(name: str, n: int, method: str) -> None:
 def test_leaving_an_equilibrium_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first block is at rest to 1e-13, rounding errors of the rest are those of 1: the width is measured again."""
     monkeypatch.setattr(integration, "BLOCK_BYTES", 4 * 6 * 8 * 100)
+    monkeypatch.setattr(drift, "SMALL", 0.0)  # so that the rounding errors of the rest do not count in the first block
     p = np.array((0.3, -0.2, 1))
     top, up = kr.LagrangeTop(p=p), p / np.linalg.norm(p)
     many = top.state(m=np.array([[1e-13, 2e-13, 3e-14], [1, 1, 1], [1, 0, 1], [0, 1, 1.0]]), a=np.stack([up] * 4))
@@ -219,6 +220,31 @@ def test_leaving_an_equilibrium_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(drift, "whole_run", lambda *given: None)
     assert kr.drift(alone).ulps["casimir[1]"] > drift.FAR  # the test can fail
     assert not kr.drift(alone).broken.any()  # not measured again, and so let pass
+
+
+@pytest.mark.parametrize("method", ["baecklund", "exact"])
+def test_rounding_errors_of_a_body_next_to_rest_are_no_fault(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The momentum is 1e-10 and stays so; the torque that the step adds is the rounding error of products of size 1."""
+    p = np.array((0.3, -0.2, 1))
+    top = kr.LagrangeTop(p=p)
+    hanging = top.state(m=(1e-10, 2e-10, 5e-11), a=-p / np.linalg.norm(p))
+    options = {"dt": 0.05, "steps": 200, "every": 10, "method": method}
+    assert not kr.drift(kr.simulate(top, hanging, **options)).broken.any()  # type: ignore[arg-type]
+    monkeypatch.setattr(drift, "SMALL", 0.0)
+    with pytest.warns(kr.ConservationWarning):  # the test can fail
+        kr.simulate(top, hanging, **options)  # type: ignore[arg-type]
+
+
+def test_an_energy_that_begins_at_0_is_compared_with_its_later_terms() -> None:
+    """A level pendulum at rest: its energy is 0 and oscillates by 7.5e-5, as Kahan's map at dt = 0.05 lets it."""
+    top, options = kr.LagrangeTop(p=(0, 0, 1)), {"dt": 0.05, "steps": 40, "method": "kahan"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", kr.AccuracyWarning)
+        run = kr.simulate(top, {"m": (0, 0, 0), "a": (1, 0, 0)}, **options)  # type: ignore[arg-type]
+        kr.simulate(top, {"m": (0, 0, 0), "a": (1, 0, 0)}, **{**options, "dt": 0.025, "steps": 80, "every": 20})  # type: ignore[arg-type]
+    assert 1e-5 < float(abs(run.energy).max()) < 1e-3
+    with pytest.warns(kr.AccuracyWarning, match="energy oscillates"):
+        kr.simulate(top, {"m": (0, 0, 0), "a": (1, 0, 0)}, **{**options, "dt": 1.5})  # type: ignore[arg-type]
 
 
 def test_drift_reads_blocks_of_rows(top: System, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -199,6 +199,10 @@ def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
         return run
     ((_, row),) = _rows(run, [energy], sloping=False).items()
     if row["max_change"] > LOOSE * lane_scales(run, energy, "evaluation_scale").max():
+        later = whole_run(in_state_form(run), energy, _spread(run.sizes.get("lane", 1), LOOKED_AT))  # it may begin at 0
+        terms = 0.0 if later is None else max(later[0].max() / 2, later[1].max())  # of degree 2: half of what it feels
+        if row["max_change"] <= LOOSE * terms * frame_in_si(run).size(energy):
+            return run
         doubt(
             f"{energy} oscillates by {row['max_change']:.2g} about {row['start']:.4g}: the step is too long for this "
             "motion and order, and the state is off. Use a smaller dt or a higher order; baecklund and splitting "
@@ -376,6 +380,7 @@ MANY_LANES = 4096  # beyond, some lanes are measured: the largest over the lanes
 SOME_LANES, LARGEST = 512, 64  # evenly spread, and those of the largest values
 SAMPLES = 16  # perturbations of a state that measure the sensitivity of an integral
 ON_ARRAYS = (1024, 8, 64)  # states by lanes, fewest and most of a lane, if integrals are not compiled: some need 0.1 ms
+SMALL = 1e-4  # of the state: a component next to whose rounding errors those of other components may count
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and small enough that only noise remains
 
 
@@ -383,9 +388,9 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array], time: Floats) -> dic
     """Effect of rounding errors on each Casimir and integral, in units of eps_machine.
 
     roundoff_scale    in one step.  Every coordinate of a component is moved by the component's largest one, of a
-                      component of the phase space that is 0 by the phase space's, since maps round both together, with
-                      random signs; the scale is the root mean square of the change, over up to 32 states of a lane in
-                      the first block
+                      component of the phase space that is 0 by the phase space's, since maps round both together, and
+                      of a small one by the terms that a step adds to it, with random signs; the scale is the root mean
+                      square of the change, over up to 32 states of a lane in the first block
     evaluation_scale  in one evaluation from a state: the size of the value, or its noise if that is larger
 
     Of more than 4096 lanes, 512 are measured and those of the largest states and integrals; of lanes that act on each
@@ -410,6 +415,8 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array], time: Floats) -> dic
     by_component = np.maximum.reduceat(abs(z), starts, -1)[..., component]
     in_space = component < len(plan.model.system.space.kinds)  # work, clock and attitude have other sizes
     size = abs(z[..., in_space]).max(-1, keepdims=True)
+    if ((by_component < SMALL * size) & (by_component > 0) & in_space).any():
+        by_component = np.maximum(by_component, np.minimum(size, _terms_of_step(plan, z, by[0] / NUDGE * by_component)))
     by = by * np.where((by_component == 0) & in_space, size, by_component)
     values, places = _integrals(plan, (z + by).reshape(-1, *z.shape[1:]))
     if not places:
@@ -430,6 +437,22 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array], time: Floats) -> dic
         result = [scale.max(0) if plan.batched and (many or scale.size > MOST_SCALES) else scale for scale in result]
         scales[name] = {key: scale.ravel().tolist() for key, scale in zip(SCALES, result, strict=True)}
     return scales
+
+
+def _terms_of_step(plan: Plan, z: Floats, by: Floats) -> Floats:
+    """The size of the terms that a step adds to the component of each coordinate, also where they cancel at rest.
+
+    It is measured at rows z moved `by` their sizes; 0 in other variables than those of a state, and under forces.
+    """
+    kinds, n = plan.model.system.space.kinds, plan.model.n
+    out, count = np.zeros_like(z), algebra.coordinate_count(kinds, n)
+    if tuple(plan.kinds[: len(kinds)]) == tuple(kinds) and plan.model.system.perturbation is None:
+        with np.errstate(all="ignore"):
+            rates = plan.model.flow(*algebra.restore((z + by)[..., :count], kinds, n))
+        starts, component = _components(kinds, n)
+        largest = np.maximum.reduceat(abs(algebra.flatten(rates, kinds)), starts, -1)[..., component]
+        out[..., :count] = np.nan_to_num(plan.dt * largest)
+    return out
 
 
 def _integrals(plan: Plan, z: Floats) -> tuple[Array, dict[str, slice]]:
