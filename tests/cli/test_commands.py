@@ -77,6 +77,27 @@ def test_values_of_set() -> None:
     assert table["sweep"]["draws"] == 3 and table["output"]["path"] == "~/x.zarr" and table["run"]["t_end"] == 10.5
 
 
+def test_a_run_of_a_file_with_a_controller_is_resumed_by_its_file(command: Commands) -> None:
+    """The archive holds no law; with the file of the run the rows are those of one long run, with another not."""
+    (command.folder / "bdot.toml").write_text(
+        '[body]\nkind = "satellite"\nunits = 3\n[body.orbit]\naltitude = "500 km"\n[body.control]\nkind = "bdot"\n'
+        'gain = "1e-4 N m s"\nevery = "2 s"\n[state]\nspin = [0.1, 0.2, 0.1]\n[run]\ndt = "2 s"\nsteps = 10\n'
+        '[output]\npath = "short.zarr"\n'
+    )
+    more = ("--set", "run.steps=20", "--set", "output.path=long.zarr")
+    assert command("run", "bdot.toml", "--no-figure")[0] == command("run", "bdot.toml", "--no-figure", *more)[0] == 0
+    resumed, file = ("resume", "short.zarr", "--extend", "20"), ("--config", "bdot.toml")
+    for words, said in (
+        ((), "its TOML file to `kreisel resume --config`"),
+        (("--set", "run.steps=20"), "--set: expected the file that it changes"),
+        ((*file, "--set", "body.control.gain='2e-4 N m s'"), "gain = 0.0001, got gain = 0.0002"),
+    ):
+        code, _, complaint = command(*resumed, *words)
+        assert code == 2 and said in complaint.replace("\n", " ")
+    assert command(*resumed, *file)[0] == 0
+    assert kr.open_run("short.zarr").attitude.values.tobytes() == kr.open_run("long.zarr").attitude.values.tobytes()
+
+
 def test_version_and_completion(command: Commands, monkeypatch: pytest.MonkeyPatch) -> None:
     code, out, _ = command("--version")
     assert code == 0 and out.startswith(f"kreisel {kr.__version__} (Python 3.") and "llvmlite" in out

@@ -133,17 +133,26 @@ def _report(result: xr.Dataset, summary: dict[str, Any], lines: list[str], as_js
 def resume(
     archive: Path = a_path(ARCHIVE, default=...),
     extend: str | None = opt("Lengthen the run to this number of steps; of a body also to '2 h'."),
+    config: Path | None = a_path("The TOML file of a run with a controller or a Python file.", "--config"),
+    changes: list[str] | None = opt(SET, "--set"),
     as_json: AsJson = False,
 ) -> None:
     """Resume an interrupted run, bit for bit as if it had not been interrupted; or extend a finished run."""
+    from kreisel.cli.configuration import read
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.simulate import resume as go_on
 
     end: Any = extend
     with suppress(TypeError, ValueError):  # of None and "2 h"
         end = float(end)
+    if changes and config is None:
+        raise InputError("--set: expected the file that it changes, --config NAME.toml, got none.")
+    system = None
+    if config is not None:
+        asked = read(config, changes or ())
+        system = asked.body or asked.model
     with catch_warnings(action="ignore", category=ConservationWarning):  # the table and the exit code report it
-        result = go_on(archive, extend=end)
+        result = go_on(archive, extend=end, system=system)
     record = RunRecord.from_attrs(result.attrs)
     line = f"{record.title}: {counted(record.steps, 'step')}, {counted(result.sizes['time'], 'row')}"
     _report(result, {"archive": str(archive), "steps": record.steps}, [line], as_json)

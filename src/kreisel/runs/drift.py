@@ -200,7 +200,7 @@ def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
     ((_, row),) = _rows(run, [energy], sloping=False).items()
     if row["max_change"] > LOOSE * lane_scales(run, energy, "evaluation_scale").max():
         later = whole_run(in_state_form(run), energy, _spread(run.sizes.get("lane", 1), LOOKED_AT))  # it may begin at 0
-        terms = 0.0 if later is None else max(later[0].max() / 2, later[1].max())  # of degree 2: half of what it feels
+        terms = 0.0 if later is None else max(later[0].max() / 2, later[1].max())  # its degree is 2
         if row["max_change"] <= LOOSE * terms * frame_in_si(run).size(energy):
             return run
         doubt(
@@ -380,7 +380,7 @@ MANY_LANES = 4096  # beyond, some lanes are measured: the largest over the lanes
 SOME_LANES, LARGEST = 512, 64  # evenly spread, and those of the largest values
 SAMPLES = 16  # perturbations of a state that measure the sensitivity of an integral
 ON_ARRAYS = (1024, 8, 64)  # states by lanes, fewest and most of a lane, if integrals are not compiled: some need 0.1 ms
-SMALL = 1e-4  # of the state: a component next to whose rounding errors those of other components may count
+SMALL = 1e-4  # of the state: errors of the other components count next to rounding errors of a smaller component
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and small enough that only noise remains
 
 
@@ -442,7 +442,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array], time: Floats) -> dic
 def _terms_of_step(plan: Plan, z: Floats, by: Floats) -> Floats:
     """The size of the terms that a step adds to the component of each coordinate, also where they cancel at rest.
 
-    It is measured at rows z moved `by` their sizes; 0 in other variables than those of a state, and under forces.
+    It is measured at rows z moved `by` their sizes; 0 for methods with other variables, and under forces.
     """
     kinds, n = plan.model.system.space.kinds, plan.model.n
     out, count = np.zeros_like(z), algebra.coordinate_count(kinds, n)

@@ -96,7 +96,8 @@ class Subject:
         if self.is_own:
             raise InputError(
                 f"{self.system} is none of Kreisel's systems, or a record of yours under this name, and a run holds no "
-                "code. Give it as system=... to kr.resume or kr.analysis.error, or run it again with more steps."
+                "code. Give it as system=... to kr.resume or kr.analysis.error, or its TOML file to `kreisel resume "
+                "--config`, or run it again with more steps."
             )
         values, frame = _an_object(self.parameters, "parameters"), self.body_frame
         return Model(known_system(self.system, values, frame), values, frame)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import json
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -15,7 +16,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, Stopped, on_disk, shown
-from kreisel.files import stands
+from kreisel.files import parsed, stands
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import ORIENTATION
 from kreisel.record.model import Model
@@ -214,10 +215,15 @@ def reopen(
 
 def _same(model: Model, record: RunRecord) -> Model:
     check_model(model)
-    if model.system.name != record.system or describing.parameters_of(model) != record.parameters:
+    if model.system.name != record.system:
+        raise InputError(f"system: expected {record.system}, the system of the run, got {model.system.name}.")
+    if (mine := describing.parameters_of(model)) != record.parameters:
+        now, then = json.loads(mine), parsed(record.parameters, "The attribute parameters")
+        then = then if isinstance(then, dict) else {}
+        name = next((key for key in now if now[key] != then.get(key)), "")
         raise InputError(
-            f"system: expected {record.system} with the parameters {shown(record.parameters)} of the run, got "
-            f"{model!r}."
+            f"system: expected {record.system} with the parameters of the run, {name} = {shown(then.get(name))}, got "
+            f"{name} = {shown(now.get(name))}."
         )
     if body_of(model) != record.body:
         raise InputError(
