@@ -12,6 +12,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.algebra.reuse import forget
+from kreisel.forces import records
 from kreisel.graph.recording import Recording
 from kreisel.lab import exact
 from kreisel.method import METHODS
@@ -102,3 +103,18 @@ def test_what_values_decide_is_not_shared() -> None:
     one = kr.perturbed(FREE, potential=weight, inertia=MOMENTS * (1.1, 1, 1), params={"k": 0.7})
     two = one.system(**{**one.params, "inertia": MOMENTS * (1, 1.1, 1)})
     assert same_bits(one, two, {"M": (0.3, 0.2, 1.1)}, "splitting", (8, 6, 4), orientation=Q)
+
+
+def test_slopes_of_integrals_are_computed_once_for_all_values_of_a_force(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The torque changes the length of M, unless it is 0."""
+    slopes, of = list[Any](), records.value_and_jacobian
+    monkeypatch.setattr(records, "value_and_jacobian", lambda *args: slopes.append(1) or of(*args))
+    body = kr.perturbed(FREE, potential=weight, params={"k": 0.7})
+    forget()
+    assert records.conserved(body) == ()
+    first = len(slopes)
+    assert records.conserved(body.system(**{**body.params, "k": 0.3})) == () and len(slopes) == first
+    free = records.conserved(body.system(**{**body.params, "k": 0.0}))
+    assert free == ("spectrum",)
+    moved = body.system(**{**body.params, "J": 2 * body.params["J"], "k": 0.0})
+    assert records.conserved(moved) == free and len(slopes) > first

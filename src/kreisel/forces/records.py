@@ -16,12 +16,12 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.gradient import value_and_jacobian
-from kreisel.algebra.reuse import reused
+from kreisel.algebra.reuse import Identity, reused
 from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.kicks import COUPLING, ORIENTATION, Body
 from kreisel.forces.product import constants_of_pairs
-from kreisel.record.calling import Function, call, naming
+from kreisel.record.calling import Function, call, keywords, naming
 from kreisel.record.contract import ClosedForm, Frame, System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, Force, Perturbation, pairs_of
@@ -273,12 +273,18 @@ def _mean(values: Array, weights: Array, number: Callable[[float], Any]) -> Any:
 
 
 def _slopes_at(model: Model, function: Function, state: tuple[Array, ...]) -> list[Array]:
-    """The derivative of each part of a function with respect to the independent coordinates of all components."""
-    kinds, n = model.system.space.kinds, model.n
+    """The derivative of each part of a function with respect to the independent coordinates of all components.
+
+    It is kept for models that differ in parameters that the function does not name, such as coefficients of a force.
+    """
+    kinds, n, point = model.system.space.kinds, model.n, algebra.flatten(state, model.system.space.kinds)
+    named = [np.asarray(value) for name, value in model.constants.items() if name in keywords(function)]
 
     def parts_of(numbers: Sequence[Any]) -> list[Any]:
         components = algebra.restore(np.array(numbers, dtype=object), kinds, n)
         values: Any = call(function, components, model.constants)
         return np.asarray(values, dtype=object).ravel().tolist()
 
-    return [np.array(row) for row in value_and_jacobian(parts_of, algebra.flatten(state, kinds).tolist())[1]]
+    numbers = tuple((x.dtype.str, x.shape, *x.ravel().tolist()) for x in (point, *named))
+    key = _slopes_at, Identity(model.system), Identity(function), numbers
+    return reused(key, lambda: [np.array(row) for row in value_and_jacobian(parts_of, point.tolist())[1]])
