@@ -158,6 +158,14 @@ def require_outside(path: Path) -> None:
             raise InputError(f"{path} is within the archive {folder}, which holds one run. Choose a path next to it.")
 
 
+def place_of_page(path: Any) -> Path:
+    """The path of a page to write.  Raises `InputError` for other names than .html and .htm."""
+    target = place(path, "The page needs a name such as top.html")
+    if target.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"The page needs a name that ends in .html, got {target.name!r}.")
+    return target
+
+
 def require_file(path: Path, overwrite: bool = True) -> None:
     """Raises `InputError` if a file must not be written: the path exists and Kreisel did not write it.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 
 import mpmath
@@ -606,3 +607,11 @@ def test_a_step_of_too_many_pairs_is_refused_before_anything_is_allocated(body: 
     start = {"M": (0.3, -0.4, 1.2), "P": (0.5, 0.2, 0.9)}
     with pytest.raises(kr.InputError, match="dt: expected at most"):
         kr.simulate(body, start, dt=1e12, steps=1, method="exact", progress=False)
+
+
+def test_a_body_at_rest_without_gravity_stays_without_a_warning_of_numpy() -> None:
+    top = kr.LagrangeTopMoving(A=(0, 0, 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = kr.simulate(top, {"M": (0, 0, 0), "P": (0, 0, 0)}, dt=0.05, steps=3, method="exact")
+    assert not run.M.values.any() and not run.P.values.any()

@@ -151,8 +151,10 @@ def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
     assert "integrable" in html and html.count("<circle") == len(found.degrees) - 1
     odd = replace(found, name="<b>&", about="<i>")
     assert "<b>" not in odd.html and "&lt;b&gt;&amp;" in odd.html
-    with pytest.raises(kr.InputError, match="unchanged"):
-        found.save(tmp_path)
+    (tmp_path / "taken.html").mkdir()
+    for name, said in (("taken.html", "unchanged"), ("page.txt", r"ends in \.html, got 'page\.txt'")):
+        with pytest.raises(kr.InputError, match=said):
+            found.save(tmp_path / name)
 
 
 OWN = """

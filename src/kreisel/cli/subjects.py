@@ -144,11 +144,11 @@ def investigate(
     iterates: int | None = opt("How many degrees."),
     steps: int = opt("Of the orbits for Lyapunov's exponents.", default=10_000),
     seed: int = opt("Of the random points.", default=0),
-    html: Path | None = a_path("Write the page to this file.", "--html"),
+    html: Path | None = a_path("Write the page to this file, .html.", "--html"),
     as_json: AsJson = False,
 ) -> None:
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
-    from kreisel.files import require_file
+    from kreisel.files import place_of_page, require_file
     from kreisel.lab import investigation
 
     settings: dict[str, Any] = {"eps": eps, "n": n, "degree": degree, "iterates": iterates}
@@ -156,7 +156,7 @@ def investigate(
     if subject is None:
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
     if html is not None:
-        require_file(html)
+        require_file(place_of_page(html))
     values = investigation.constants_of(output.parameters_of(constants or ()), "--set")
     settings |= values
     if subject.endswith(".py"):

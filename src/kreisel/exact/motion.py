@@ -493,7 +493,7 @@ def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Arra
         ws[k + 1] = (bp * bs[k] + turning * ws[k]) / (k + 1)
         bs[k + 1] = ws[: k + 1] @ bs[back] / (k + 1)
         qs[k + 1] = (ws[: k + 1] @ qs[back] + spinning * qs[k]) / (2 * (k + 1))
-    return np.max([ws / max(rates, math.sqrt(bp)), bs, qs], 0)
+    return np.max([ws / (max(rates, math.sqrt(bp)) or 1.0), bs, qs], 0)  # a body at rest without gravity: 0
 
 
 def _taylor(binary: int, m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 
 from kreisel.bodies import find
 from kreisel.errors import InputError, explained, shown
-from kreisel.files import place, written
+from kreisel.files import place_of_page, written
 from kreisel.lab.dynamics import FEWEST
 from kreisel.lab.exact import fraction
 from kreisel.lab.integrals import TooLarge
@@ -97,9 +97,9 @@ class Investigation:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page; a page that Kreisel wrote is replaced.
 
-        Raises `InputError` where anything else has that name, and `RunError` where it cannot be written.
+        Raises `InputError` for other names, and if anything else has that name; `RunError` if the disk refuses.
         """
-        with written(place(path, "The page needs a name such as map.html")) as scratch:
+        with written(place_of_page(path)) as scratch:
             scratch.write_text(self.html, encoding="utf-8")
 
 

@@ -175,8 +175,9 @@ class Plan:
         links = point_links(general, engine, self.dt)
         if links is None:
             return None
-        chain = Chain(*links)
-        return lambda: math.isfinite(chain())
+        chain, points = Chain(*links), engine.stages[:, :, engine.stages.shape[2] // 2 :]
+        of_points = general.links is None  # 0 for a field that is 0, whose cause a new plan states
+        return lambda: math.isfinite(chain()) and (not of_points or bool(points.all()))
 
     def begin(self, model: Model, parts: tuple[Array, ...]) -> bool:
         """Begin again from another state, for rows in memory; false if a plan must be made for it.

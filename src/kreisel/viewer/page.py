@@ -35,7 +35,7 @@ from urllib.parse import urlsplit
 import xarray as xr
 
 from kreisel.errors import InputError, RunError, explained, require_one_of, shown
-from kreisel.files import place, written
+from kreisel.files import place_of_page, written
 from kreisel.runs.geometry import presented
 from kreisel.storage.opening import open_rows
 from kreisel.viewer.bodies import SHAPES, read_mesh
@@ -154,9 +154,7 @@ class View:
 
         Raises `InputError` for other names, and if anything else has that name; `RunError` if the disk refuses.
         """
-        target = place(path, "The page needs a name such as top.html")
-        if target.suffix.lower() not in (".html", ".htm"):
-            raise InputError(f"The page needs a name that ends in .html, got {target.name!r}.")
+        target = place_of_page(path)
         with written(target) as scratch:
             scratch.write_text(self.html, encoding="utf-8")
         return target
