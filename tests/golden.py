@@ -36,7 +36,7 @@ LARGE = ("lagrange-top", "clebsch", "neumann", "euler-top")
 ORDERS = (None, 2, 4)
 THOROUGH = ("lagrange-top", "clebsch", "euler-top", "heisenberg-chain", "kirchhoff")  # with all runs among the few
 BRIEF = ("dop853", "exact", "midpoint")  # methods whose ensembles are quickly compiled
-PRIVILEGED = ("pku", "wbnoinvd")  # keys of memory pages, caches: hypervisors hide these instructions, no kernel has them
+PRIVILEGED = ("pku", "wbnoinvd")  # keys of memory pages, caches: hypervisors hide these; no kernel has them
 
 
 def machine() -> str:
