@@ -215,6 +215,8 @@ def test_the_one_map_stays_away_from_branch_points() -> None:
         assert (lam > 2 * far * (1 - 1e-6)).all()
         copies = len(np.atleast_1d(lam))
         assert copies == 1 or lam.min() < 16 * far  # and not more of them than halving needs
+    with pytest.raises(kr.InputError, match="M or P that is zero"):  # also a state of which only P is
+        kr.simulate(kr.GoryachevChaplygin(), {"M": (0.3, 0.2, 0.5), "P": (0, 0, 0)}, dt=0.1, steps=1, method="exact")
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -206,7 +206,8 @@ def maps(model: Model, state: State, dt: float, order: int | None, shares: Seque
         if copies.max() > MOST_COPIES:
             raise InputError(
                 f"No map was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual "
-                "cause: a step far too long, or a state that is zero or not finite. Use a smaller dt or another method."
+                f"cause: a step far too long, or {' or '.join(model.system.space.letters)} that is zero or not finite. "
+                "Use a smaller dt or another method, such as 'dop853'."
             )
         points = find(z, c, np.multiply.outer(shares, dt / copies)[..., None])
         sound = (points[..., 4] > 0).all(0)
