@@ -246,8 +246,16 @@ def test_what_there_is_not() -> None:
     with pytest.raises(kr.InputError, match="got clebsch with n = 6"):
         six = kr.Clebsch(b=(1, 2, 3, 4, 5, 6))
         kr.simulate(six, {"M": np.zeros((6, 6)), "P": (1, 0, 0, 0, 0, 0)}, dt=0.5, steps=1, method="exact")
-    with pytest.raises(kr.InputError, match=r"a field P that is zero.*suris' for P = 0"):
+    with pytest.raises(kr.InputError, match=r"a field P that is not zero, got 0.*suris.*exact as kr.ClebschGeneral"):
         kr.simulate(body, {"M": (0, 0, 1), "P": (0, 0, 0)}, dt=0.5, steps=1, method="exact")
+
+
+def test_the_general_case_steps_a_body_without_a_field() -> None:
+    """M is constant, and the body rotates about it by |M| in a unit of time."""
+    body, steady = kr.ClebschGeneral(a=B, b=B), {"M": (0.6, 0, 0.8), "P": (0, 0, 0)}
+    run = kr.simulate(body, steady, orientation=(1, 0, 0, 0), dt=0.5, steps=4, method="exact")
+    assert abs(run.M.values[-1] - (0.6, 0, 0.8)).max() < 1e-14
+    assert abs(run.g.values[-1] - (np.cos(1), 0.6 * np.sin(1), 0, 0.8 * np.sin(1))).max() < 1e-14
 
 
 def test_neumann_stays_on_its_leaf() -> None:
@@ -273,7 +281,7 @@ def test_neumann_stays_on_its_leaf() -> None:
 def test_a_lane_without_a_field_is_named(method: str) -> None:
     body, P = kr.Clebsch(b=B), np.tile((0.6, 0, 0.8), (5, 1))
     P[3] = 0
-    with pytest.raises(kr.InputError, match=r"in lane 3.* a field"):
+    with pytest.raises(kr.InputError, match="in lane 3"):
         kr.simulate(body, {"M": np.tile((0.1, 0.2, 0.3), (5, 1)), "P": P}, dt=0.1, steps=2, method=method)
     with pytest.raises(kr.InputError) as error:
         kr.simulate(body, {"M": (0.1, 0.2, 0.3), "P": (0, 0, 0)}, dt=0.1, steps=2, method=method)

@@ -273,10 +273,17 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
             if result.all():
                 return copies, mu.astype(complex)
         copies = copies + max(1, copies // 2)
+    zero = ~np.any(state[1], -1)
+    if zero.any():
+        raise InputError(
+            f"method='exact' of {model.system.name}: expected a field P that is not zero{in_lane(zero)}, got 0, for "
+            "which its pairs of maps have no direction. Use method='suris', of order 2, or 'dop853'; Clebsch's case is "
+            "exact as kr.ClebschGeneral(a=b, b=b)."
+        )
     raise InputError(
         f"No conjugate pair was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it"
-        f"{in_lane(~result)}. Usual causes: entries of b that are equal or nearly so; a state or a field P that is "
-        "zero or not finite. Use method='suris' for P = 0, else 'baecklund' with a high order, or 'dop853'."
+        f"{in_lane(~result)}. Usual causes: entries of b that are equal or nearly so; a state that is not finite. Use "
+        "method='baecklund' with a high order, or 'dop853'."
     )
 
 
