@@ -21,6 +21,7 @@ section 7, and docs/baecklund.md]
 import inspect
 from dataclasses import replace
 from functools import cache, reduce
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from kreisel.record.contract import ConjugatePairs
 
 SPREAD, HEIGHTS = 6.0, 14  # of |lam| tried: between the scales of the state, and this factor beyond them
 LARGE, ROUNDING, LAGUERRE = 1e300, 1e-15, 20  # of scales; of a squared step; most steps
+FAR = 1e6  # times the largest of these, beyond which levels are rounding
 APART = 1e-8  # of two scales, one of which may be rounding of zero: each has HEIGHTS points around it
 
 
@@ -140,9 +142,17 @@ def largest(x, y):
 
 
 def scales(M, F, a):
-    """Values of |lam| at which two of the terms of L are of one size."""
-    A, M, F = spread(a) / 2, norm(M), norm(F - np.trace(F) / len(F) * identity(len(F)))
-    return heights(M / A, F / M, sqrt(F / A))
+    """Rows of |lam| at which two of the terms of L are of one size; beyond, up to |M_ij/(a_i - a_j)|.
+
+    For moments from 1 to 1000, maps of the first rows rotate by hundreds of radians for a radian of the motion.
+    """
+    A, size, field = spread(a) / 2, norm(M), norm(F - np.trace(F) / len(F) * identity(len(F)))
+    rows = heights(size / A, field / size, sqrt(field / A))
+    low = reduce(largest, [row[3] for row in rows])
+    ratios = [abs(M[i, j] / (a[i] - a[j])) for i, j in combinations(range(len(a)), 2)]
+    high, most = SPREAD * reduce(largest, [where_less(x, LARGE, x, 0) for x in ratios]), FAR * low
+    some = where_less(low, high, 1, 0)
+    return [*rows, (0.0, 1, some * low, some * where_less(high, most, high, most))]
 
 
 def levels(H):

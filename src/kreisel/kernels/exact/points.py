@@ -36,7 +36,9 @@ CLOSE = 1e-9  # a change of x, relative to the distance of a branch point, whose
 WIDTH = 4  # of vectors of heights, and of nodes
 BESIDE = 1e-5  # of the distance of a pole: between two points for a derivative
 EQUAL = 1e-7  # relative to the largest: double levels, up to the error of roots of a polynomial
-VECTOR = 1e-5  # relative: the defect of a vector; of triple levels the adjugate is rounding
+VECTOR = 1e-5  # relative to its level: the defect of a vector; of triple levels the adjugate is rounding
+NONE = 1e-8  # relative to the matrix: a level that counts as 0
+SETTLED, ROUNDS = 1e-9, 4  # a relative change of a level, after which the next one is rounding; at most
 CERTAIN = 1e-5  # relative: fields that surely do not depend on others
 SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and for a body at rest
 SCALARS = (
@@ -221,7 +223,8 @@ class Choice(Formulas):
         matrix = self._of_pairs("matrix", state, constants, lam)
         miss = matrix @ right - self._weighted(right, constants) * mu
         miss, *sizes = (sum((y * y).sum() for y in algebra.parts(x)) for x in (miss, matrix, right))
-        sound = algebra.where_less(miss, VECTOR * VECTOR * sizes[0] * sizes[1], 1.0, np.nan)
+        large = mu.re * mu.re + mu.im * mu.im + NONE * NONE * sizes[0]
+        sound = algebra.where_less(miss, VECTOR * VECTOR * large * sizes[1], 1.0, np.nan)
         rates = [sound * rate for rate in self._rates(state, constants, lam, Pi)[: self.d]]
         return [p for v in values for p in algebra.parts(v)] + rates
 
@@ -370,7 +373,7 @@ class _Choosing(Writing):
             y, pole = rows.get(range(2))
             high = reduce(self.larger_of, map(self.size, rows.get(range(2, 2 + of.levels))))
             with f.loop(0, of.levels) as k:
-                self.branches.put(self.piece(of.level, y, pole, rows[k + 2]), k * size)
+                self.find_level(y, pole, rows[k + 2], k * size)
             with f.loop(0, of.used) as k:
                 radius = f.variable(self.times(pole, pole), self.kind)
                 first = k * size
@@ -401,6 +404,18 @@ class _Choosing(Writing):
             left = (self.count[0] - at[0] + step - 1) // step
             self.candidates[0] = self.candidates[0] + left.least(WIDTH) * of.used
             at[0] = at[0] + step * WIDTH
+
+    def find_level(self, y: Value, pole: Value, m: Value, place: Integer) -> None:
+        """A level from Im mu, repeated from the result if that is far: roots of polynomials lose digits."""
+        f, kind, zero, unit = self.f, self.kind, self.value(0.0), constant(self.kind, 1.0)
+        start, moving, left = f.variable(m, kind), f.variable(unit, kind), f.variable(ROUNDS)
+        joint = f.builder.and_
+        with f.while_(lambda: joint(left[0].compared(">", 0), self.is_less(zero, f.largest(moving[0])))):
+            self.branches.put(self.piece(self.of.level, y, pole, start[0]), place)
+            new, old = self.branches[place + 1], start[0]
+            far = self.is_less(self.times(constant(kind, SETTLED), self.size(new)), self.size(self.minus(new, old)))
+            start[0], left[0] = f.builder.select(far, new, old), left[0] - 1  # settled lanes repeat their result
+            moving[0] = f.builder.select(far, unit, constant(kind, 0.0))
 
     def solve(self) -> None:
         """The basis of the tableau: its candidates, by rows."""
