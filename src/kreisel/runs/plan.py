@@ -36,9 +36,9 @@ BREAKS = "breaks/"  # prefixes of the names of impulses and events in a snapshot
 FEW = 64  # entries
 COMPUTED = ("constants", "stages", "basis")  # constants of a scheme
 NOT_CONSERVED = (  # the usual cause, and the fix
-    "a step far too long for this state, a state far smaller than a parameter, moments of very different sizes, or a "
-    "map or an integral that contradicts its record. Use a smaller dt, or for such a state or such moments "
-    "method='dop853', tol=1e-13."
+    "a step far too long for this state, a state far smaller than a parameter or next to an equilibrium, moments of "
+    "very different sizes, or a map or an integral that contradicts its record. Use a smaller dt, or for such a state "
+    "or such moments method='dop853', tol=1e-13."
 )
 
 
