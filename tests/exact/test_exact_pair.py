@@ -277,11 +277,13 @@ def test_neumann_stays_on_its_leaf() -> None:
     assert abs(ends[0] - ends[1]).max() < 3e-11
 
 
-@pytest.mark.parametrize("method", ["exact", "baecklund"])
-def test_a_lane_without_a_field_is_named(method: str) -> None:
+@pytest.mark.parametrize(
+    ("method", "said"), [("exact", "a field P that is not zero in lane 3"), ("baecklund", r"in lane 3.* a field")]
+)
+def test_a_lane_without_a_field_is_named(method: str, said: str) -> None:
     body, P = kr.Clebsch(b=B), np.tile((0.6, 0, 0.8), (5, 1))
     P[3] = 0
-    with pytest.raises(kr.InputError, match="in lane 3"):
+    with pytest.raises(kr.InputError, match=said):
         kr.simulate(body, {"M": np.tile((0.1, 0.2, 0.3), (5, 1)), "P": P}, dt=0.1, steps=2, method=method)
     with pytest.raises(kr.InputError) as error:
         kr.simulate(body, {"M": (0.1, 0.2, 0.3), "P": (0, 0, 0)}, dt=0.1, steps=2, method=method)

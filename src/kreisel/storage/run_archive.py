@@ -220,7 +220,7 @@ def _same(model: Model, record: RunRecord) -> Model:
     if (mine := describing.parameters_of(model)) != record.parameters:
         now, then = json.loads(mine), parsed(record.parameters, "The attribute parameters")
         then = then if isinstance(then, dict) else {}
-        name = next((key for key in now if now[key] != then.get(key)), "")
+        name = next((key for key in {**then, **now} if now.get(key) != then.get(key)), "")
         raise InputError(
             f"system: expected {record.system} with the parameters of the run, {name} = {shown(then.get(name))}, got "
             f"{name} = {shown(now.get(name))}."
